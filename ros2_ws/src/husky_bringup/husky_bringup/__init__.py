@@ -1,0 +1,1 @@
+"""Launch file, parameter files, recorder, teleoperation, experiments."""

@@ -1,0 +1,111 @@
+"""Figures of the body: position, velocity, attitude, and its path seen from above."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from husky_bringup import measures
+from husky_bringup.figure_style import (
+    DESIRED,
+    ESTIMATE,
+    LEG_COLOURS,
+    TIME,
+    TRUTH,
+    frame,
+    label,
+    leg_entries,
+    legend,
+    line,
+    make_figure,
+    modes_of,
+    save,
+    span_of,
+)
+from husky_bringup.recording import Recording
+from husky_description import graph
+from husky_description.robot import Robot
+
+
+def body(recording: Recording, robot: Robot, directory: Path) -> Path:
+    """Position and velocity of the base: truth, estimate, desired."""
+    base = recording.base
+    figure, axes = make_figure(3, 2, "Body: position and velocity", sharex=True)
+    span, modes = span_of(recording), modes_of(recording)
+    velocity = measures.in_heading(base.velocity, base.rpy[:, 2])
+    for row in range(3):
+        line(axes[row, 0], base.time, base.position[:, row], TRUTH, linewidth=1.6)
+        line(axes[row, 1], base.time, velocity[:, row], TRUTH, linewidth=1.2)
+    if recording.has(graph.ODOMETRY):
+        estimate = recording.estimate
+        velocity = measures.in_heading(estimate.velocity, estimate.rpy[:, 2])
+        for row in range(3):
+            line(axes[row, 0], estimate.time, estimate.position[:, row], ESTIMATE)
+            line(axes[row, 1], estimate.time, velocity[:, row], ESTIMATE, linewidth=0.7)
+    if recording.has(graph.CONTROLLER_STATE):
+        states = recording.controller
+        standing = np.isin(states.mode, ("stand", "walk"))[:, None]
+        desired = np.where(standing, states.desired_position, np.nan)
+        commanded = np.where((states.mode == "walk")[:, None], states.commanded_velocity, np.nan)
+        for row in range(3):
+            line(axes[row, 0], states.time, desired[:, row], DESIRED, linestyle="--")
+        for row in range(2):
+            line(axes[row, 1], states.time, commanded[:, row], DESIRED, linestyle="--")
+    for row, (place, speed) in enumerate(zip("xyz", ("forward", "left", "up"), strict=True)):
+        for axis in axes[row]:
+            frame(axis, span, modes, names=row == 0)
+        last = TIME if row == 2 else ""
+        label(axes[row, 0], f"{place} [m]", last, "" if row else "base in world")
+        label(axes[row, 1], f"{speed} [m/s]", last, "" if row else "velocity along the heading")
+    legend(
+        figure,
+        [
+            ("truth", {"color": TRUTH}),
+            ("estimate", {"color": ESTIMATE}),
+            ("desired", {"color": DESIRED, "linestyle": "--"}),
+        ],
+    )
+    return save(figure, directory, "body")
+
+
+def attitude(recording: Recording, robot: Robot, directory: Path) -> Path:
+    """Roll, pitch and yaw: truth and estimate."""
+    base = recording.base
+    figure, axes = make_figure(3, 1, "Attitude of the base", sharex=True)
+    span, modes = span_of(recording), modes_of(recording)
+    for row, name in enumerate(("roll", "pitch", "yaw")):
+        axis = axes[row, 0]
+        line(axis, base.time, np.degrees(base.rpy[:, row]), TRUTH, linewidth=1.3)
+        if recording.has(graph.ODOMETRY):
+            estimate = recording.estimate
+            line(axis, estimate.time, np.degrees(estimate.rpy[:, row]), ESTIMATE, linewidth=0.9)
+        frame(axis, span, modes, names=row == 0)
+        label(axis, f"{name} [deg]", TIME if row == 2 else "", "" if row else " ")
+    legend(figure, [("truth", {"color": TRUTH}), ("estimate", {"color": ESTIMATE})])
+    return save(figure, directory, "attitude")
+
+
+def path(recording: Recording, robot: Robot, directory: Path) -> Path:
+    """Seen from above: the way of the base and where the feet came down."""
+    base, contacts = recording.base, recording.contacts
+    extent = np.ptp(np.concatenate((base.position[:, :2], contacts.position[..., 1, :2])), axis=0)
+    height = float(np.clip(12.0 * (extent[1] + 0.5) / (extent[0] + 0.5) + 1.2, 3.2, 9.0))
+    figure, axes = make_figure(1, 1, "Path seen from above", size=(13.0, height))
+    axis = axes[0, 0]
+    for leg, colour in enumerate(LEG_COLOURS):
+        landed = np.flatnonzero(np.diff(contacts.contact[:, leg].astype(np.int8)) == 1) + 1
+        spots = contacts.position[landed, leg]
+        axis.plot(spots[:, 0], spots[:, 1], "o", markersize=3.5, color=colour, markeredgewidth=0)
+    axis.plot(base.position[:, 0], base.position[:, 1], color=TRUTH, linewidth=1.4)
+    axis.set_aspect("equal", adjustable="datalim")
+    label(axis, "y [m]", "x [m]")
+    spot = {"linestyle": "", "marker": "o", "markersize": 5}
+    legend(
+        figure,
+        [
+            *((f"{name} lands", look) for name, look in leg_entries(robot.legs, **spot)),
+            ("base", {"color": TRUTH}),
+        ],
+    )
+    return save(figure, directory, "path")

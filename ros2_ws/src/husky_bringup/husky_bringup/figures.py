@@ -1,0 +1,46 @@
+"""All figures of a recording: what the robot was asked, what it did, how near its limits it was."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from husky_bringup.figure_body import attitude, body, path
+from husky_bringup.figure_feet import contact_forces, gait
+from husky_bringup.figure_joints import joint_angles, joint_angles_close, torques, tracking
+from husky_bringup.recording import MissingTopicError, Recording
+from husky_description.robot import Robot
+
+DRAWINGS: tuple[Callable[[Recording, Robot, Path], Path], ...] = (
+    joint_angles,
+    joint_angles_close,
+    tracking,
+    torques,
+    body,
+    attitude,
+    contact_forces,
+    gait,
+    path,
+)
+"""Every figure, in the order in which they are drawn."""
+
+
+def make_all(recording: Recording, robot: Robot, directory: Path) -> list[Path]:
+    """Draw every figure that the recording has data for.
+
+    Args:
+        recording: what to draw.
+        robot: names and ratings.
+        directory: where the PNG files go; made if need be.
+
+    Returns:
+        The files written.
+    """
+    directory.mkdir(parents=True, exist_ok=True)
+    written = []
+    for draw in DRAWINGS:
+        try:
+            written.append(draw(recording, robot, directory))
+        except MissingTopicError:
+            continue
+    return written

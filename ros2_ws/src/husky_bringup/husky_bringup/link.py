@@ -1,0 +1,191 @@
+"""Our side of a running graph: starts its processes, finds them, talks to them, waits for them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from rclpy.client import Client
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+
+from husky_bringup.discovery import servers, subscribers
+from husky_bringup.processes import Processes
+from husky_bringup.system import NodeSpec
+from husky_description import graph
+from husky_description.nodes import qos
+
+_START_PERIOD = 60.0
+"""Wall time that the graph may take to come up, on a loaded machine [s]."""
+ANSWER_PERIOD = 30.0
+"""Wall time that a service may take to answer [s]."""
+
+
+class SessionError(RuntimeError):
+    """The graph did not do what the script needs."""
+
+
+class GraphLink:
+    """The graph's processes and a node beside them.
+
+    Attributes:
+        processes: the graph's processes.
+        specs: the nodes.
+        context: the ROS context of this side.
+    """
+
+    def __init__(
+        self, name: str, specs: tuple[NodeSpec, ...], output: Path, services: Mapping[str, type]
+    ):
+        """Start every node and wait until the graph is complete.
+
+        Args:
+            name: of the node beside them.
+            specs: the nodes.
+            output: directory for `logs`.
+            services: types of the services that will be called, by name.
+
+        Raises:
+            SessionError: a node ended or did not come up.
+        """
+        self.specs = specs
+        self.processes = Processes(logs=output / "logs")
+        self._output = output
+        self.context = Context()
+        rclpy.init(context=self.context)
+        self._node = rclpy.create_node(name, context=self.context)
+        self._executor = SingleThreadedExecutor(context=self.context)
+        self._executor.add_node(self._node)
+        try:
+            self.processes.start_all(specs)
+            self._services: dict[str, Client] = {
+                name: self._node.create_client(kind, name) for name, kind in services.items()
+            }
+            self._find_everybody()
+        except BaseException:
+            self.close()
+            raise
+
+    def _find_everybody(self) -> None:
+        """Wait until services and the topics between the nodes have both ends."""
+        node = self._node
+        self.wait_for(
+            lambda: all(client.service_is_ready() for client in self._services.values()),
+            "the services of plant, drive_bridge and low_level_controller",
+        )
+        self._owners = {
+            service: owner for service in self._services for owner, _ in servers(node, service)
+        }
+        recorders = sum(spec.name == graph.RECORDER for spec in self.specs)
+        for name in (
+            graph.SERVO_STATE,
+            graph.SERVO_COMMAND,
+            graph.JOINT_STATES,
+            graph.JOINT_COMMAND,
+            graph.IMU,
+            graph.DRIVES_STATUS,
+            graph.ODOMETRY,
+        ):
+            self.wait_for(
+                lambda name=name: (  # type: ignore[misc]
+                    node.count_publishers(name) >= 1
+                    and node.count_subscribers(name) >= 1 + recorders
+                ),
+                f"publisher and subscribers of {name}",
+            )
+        self.wait_for(
+            lambda: node.count_subscribers(graph.CMD_VEL) >= 1 + recorders,
+            f"subscribers of {graph.CMD_VEL}",
+        )
+
+    # Waiting --------------------------------------------------------------------------------
+    def wait_for(self, predicate: Callable[[], bool], what: str) -> None:
+        """Serve callbacks, without advancing the world, until a predicate holds.
+
+        Raises:
+            SessionError: saying what was awaited, when a node ends or it takes too long.
+        """
+        deadline = time.monotonic() + _START_PERIOD
+        while not predicate():
+            self._check_processes()
+            if time.monotonic() > deadline:
+                raise SessionError(f"waited {_START_PERIOD:.0f} s of wall time in vain for {what}")
+            self._executor.spin_once(timeout_sec=0.02)
+
+    def _check_processes(self) -> None:
+        for name, code in self.processes.ended().items():
+            log = self._output / "logs" / f"{name}.log"
+            tail = "\n".join(log.read_text(errors="replace").splitlines()[-12:])
+            raise SessionError(f"{name} has ended with code {code}; the end of {log}:\n{tail}")
+
+    def call(self, service: str, request: Any) -> Any:
+        """Call a service of the graph by its name and return the response.
+
+        Raises:
+            SessionError: no answer.
+        """
+        future = self._services[service].call_async(request)
+        deadline = time.monotonic() + ANSWER_PERIOD
+        while not future.done():
+            self._check_processes()
+            if time.monotonic() > deadline:
+                raise SessionError(f"{service} has not answered for {ANSWER_PERIOD:.0f} s")
+            self._executor.spin_once(timeout_sec=0.5)
+        return future.result()
+
+    def _expect(self, service: str, request: Any) -> None:
+        response = self.call(service, request)
+        if not response.success:
+            raise SessionError(f"{service} refused {request}: {response.message}")
+
+    def subscribe(self, kind: type, topic: str, callback: Callable[[Any], None]) -> None:
+        """Listen to one more topic of the graph."""
+        profile = qos.PROFILES[graph.topic(topic).qos]
+        self._node.create_subscription(kind, topic, callback, profile)
+
+    def count_publishers(self, topic: str) -> int:
+        """Return how many nodes publish a topic, as far as is known here."""
+        return int(self._node.count_publishers(topic))
+
+    # Breaking -------------------------------------------------------------------------------
+    def kill(self, node: str) -> None:
+        """Kill a node (SIGKILL); the others must do without it."""
+        self.processes.kill(node)
+        self.processes.reap(node)
+
+    def start(self, node: str) -> None:
+        """Start a node that has been killed or ended, and wait until it can be spoken to.
+
+        Raises:
+            SessionError: it ended or did not come up.
+        """
+        spec = next(spec for spec in self.specs if spec.name == node)
+        listens = subscribers(self._node, graph.CMD_VEL)
+        offered = {name: servers(self._node, name) for name in self._services}
+        self.processes.start(spec)
+        for service, owner in self._owners.items():
+            if owner == node:
+                self.wait_for(
+                    lambda service=service: any(  # type: ignore[misc]
+                        name == node for name, _ in servers(self._node, service) - offered[service]
+                    ),
+                    f"{service} of the new {node}",
+                )
+        if node == graph.LOW_LEVEL_CONTROLLER:
+            self.wait_for(
+                lambda: bool(subscribers(self._node, graph.CMD_VEL) - listens),
+                f"the new {node} at {graph.CMD_VEL}",
+            )
+
+    # The end --------------------------------------------------------------------------------
+    def close(self) -> dict[str, int]:
+        """End every node; return their exit codes."""
+        codes = self.processes.end()
+        self._executor.shutdown()
+        self._node.destroy_node()
+        if self.context.ok():
+            rclpy.shutdown(context=self.context)
+        return codes

@@ -1,0 +1,142 @@
+"""Starts the graph's processes and ends them all, leaving none behind."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from husky_bringup.system import NodeSpec
+
+END_PERIOD = 3.0
+"""Wall time that nodes get between SIGTERM and SIGKILL [s]."""
+
+
+class Processes:
+    """The running nodes, each in a process group of its own.
+
+    Use it as a context: at its end every process is gone.
+    """
+
+    def __init__(
+        self,
+        logs: Path | None = None,
+        environment: Mapping[str, str] | None = None,
+        params_file: str | None = None,
+    ):
+        """Prepare; nothing is started yet.
+
+        Args:
+            logs: directory for one log file a node, or None to let them print.
+            environment: added to this process's.
+            params_file: a ROS parameter file given to every node.
+        """
+        self._logs = logs
+        self._environment = {**os.environ, **(environment or {})}
+        self._params_file = params_file
+        self._running: dict[str, subprocess.Popen[bytes]] = {}
+
+    def __enter__(self) -> Processes:
+        """Return itself."""
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        """End every process."""
+        self.end()
+
+    def start(self, spec: NodeSpec) -> subprocess.Popen[bytes]:
+        """Start a node; one of the same name that has ended may be started again.
+
+        Raises:
+            RuntimeError: it runs already.
+        """
+        if spec.name in self._running and self._running[spec.name].poll() is None:
+            raise RuntimeError(f"{spec.name} is running already")
+        output = None
+        if self._logs is not None:
+            self._logs.mkdir(parents=True, exist_ok=True)
+            output = (self._logs / f"{spec.name}.log").open("ab")
+        try:
+            process = subprocess.Popen(
+                spec.command(params_file=self._params_file),
+                env=self._environment,
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT if output is not None else None,
+                start_new_session=True,
+            )
+        finally:
+            if output is not None:
+                output.close()
+        self._running[spec.name] = process
+        return process
+
+    def start_all(self, specs: Sequence[NodeSpec]) -> None:
+        """Start every node."""
+        for spec in specs:
+            self.start(spec)
+
+    def ended(self) -> dict[str, int]:
+        """Return the exit codes of nodes that have ended by themselves, and forget them."""
+        codes = {
+            name: process.returncode
+            for name, process in self._running.items()
+            if process.poll() is not None
+        }
+        for name in codes:
+            # The command may have left the node itself behind: `ros2 run` is its parent.
+            _signal_group(self._running.pop(name), signal.SIGKILL)
+        return codes
+
+    def kill(self, name: str, number: int = signal.SIGKILL) -> None:
+        """Send a signal to a node and whatever it started."""
+        _signal_group(self._running[name], number)
+
+    def reap(self, name: str) -> int:
+        """Wait for the end of a node that has been killed; forget it and return its exit code."""
+        process = self._running.pop(name)
+        _signal_group(process, signal.SIGKILL)
+        return process.wait()
+
+    def running(self, name: str) -> bool:
+        """Return whether a node has been started and has not ended."""
+        return name in self._running and self._running[name].poll() is None
+
+    def process_group(self, name: str) -> int:
+        """Return the process group of a node."""
+        return self._running[name].pid
+
+    def end(self, name: str | None = None) -> dict[str, int]:
+        """End one node or all: SIGTERM, a while to shut down, then SIGKILL; return exit codes."""
+        chosen = [name] if name is not None else list(self._running)
+        for each in chosen:
+            _signal_group(self._running[each], signal.SIGTERM)
+        deadline = time.monotonic() + END_PERIOD
+        codes: dict[str, int] = {}
+        for each in chosen:
+            process = self._running.pop(each)
+            while _group_alive(process) and time.monotonic() < deadline:
+                process.poll()
+                time.sleep(0.01)
+            _signal_group(process, signal.SIGKILL)
+            codes[each] = process.wait()
+        return codes
+
+
+def _signal_group(process: subprocess.Popen[bytes], number: int) -> None:
+    try:
+        os.killpg(process.pid, number)
+    except ProcessLookupError:
+        process.poll()
+
+
+def _group_alive(process: subprocess.Popen[bytes]) -> bool:
+    process.poll()
+    try:
+        os.killpg(process.pid, 0)
+    except ProcessLookupError:
+        return False
+    return True

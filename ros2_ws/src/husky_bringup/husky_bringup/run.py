@@ -1,0 +1,212 @@
+"""One run of an experiment: its output directory, metrics, criteria and result line."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import shutil
+import sys
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from husky_bringup.recording import Recording
+from husky_bringup.session import Session
+from husky_bringup.system import ParameterValue
+from husky_description.robot import Robot, load_robot
+
+SCENE_FILE = "scene.xml"
+"""The world of a recording, saved by the plant beside the bag."""
+
+
+class Run:
+    """What an experiment fills.
+
+    Attributes:
+        options: the parsed command line.
+        output: directory of everything that the run leaves.
+        metrics: what was measured; ends up in `result.json`.
+        criteria: what had to hold, by name: `{"value", "bound", "ok"}`.
+    """
+
+    def __init__(self, name: str, options: argparse.Namespace):
+        """Make an empty output directory."""
+        self.name = name
+        self.options = options
+        self.output: Path = options.output
+        self.metrics: dict[str, Any] = {}
+        self.criteria: dict[str, dict[str, Any]] = {}
+        self._progress = Progress()
+        self._hints: tuple[str, ...] = ()
+        self._started = time.monotonic()
+        self._simulated = 0.0
+        if self.output.exists():
+            shutil.rmtree(self.output)
+        self.output.mkdir(parents=True)
+
+    # The graph ------------------------------------------------------------------------------
+    def session(
+        self,
+        settings: Mapping[str, Mapping[str, ParameterValue]] | None = None,
+        *,
+        label: str = "",
+        expected: float = 0.0,
+        record: bool = True,
+    ) -> Session:
+        """Start the graph in lockstep.
+
+        Args:
+            settings: parameters by node name.
+            label: subdirectory of the output for one of several sessions.
+            expected: simulated time that the session will take [s], for the progress bar.
+            record: whether to record a bag.
+        """
+        directory = self.output / label
+        directory.mkdir(parents=True, exist_ok=True)
+        chosen = {node: dict(values) for node, values in (settings or {}).items()}
+        chosen.setdefault("plant", {})["save_scene"] = str((directory / SCENE_FILE).resolve())
+        self.say(f"starting the graph{f' ({label})' if label else ''}")
+        self._progress.begin(expected)
+        return Session(
+            directory.resolve(), chosen, record=record, on_advance=self._progress.at
+        )
+
+    def say(self, text: str) -> None:
+        """Print a line of progress."""
+        self._progress.line(f"[{time.monotonic() - self._started:6.1f} s] {text}")
+
+    # Results --------------------------------------------------------------------------------
+    def recording(self, label: str = "") -> Recording:
+        """Open the bag of a session that has ended."""
+        return Recording(self.output / label / "bag")
+
+    def robot(self) -> Robot:
+        """Return the robot's numbers."""
+        return load_robot()
+
+    def illustrate(self, label: str = "") -> None:
+        """Draw the figures and render the video of a session that has ended."""
+        directory = self.output / label
+        recording = self.recording(label)
+        if not self.options.no_figures:
+            from husky_bringup import figures
+
+            self.say("drawing figures")
+            figures.make_all(recording, self.robot(), directory / "figures")
+        if not self.options.no_video:
+            import mujoco
+
+            from husky_bringup import video
+
+            self.say("rendering video")
+            model = mujoco.MjModel.from_xml_path(str(directory / SCENE_FILE))
+            result = video.render(recording, model, directory / "video.mp4")
+            if result is None:
+                self.say(video.unavailable_reason())
+
+    def require(
+        self, name: str, value: float, *, lower: float | None = None, upper: float | None = None
+    ) -> bool:
+        """State a criterion: `lower <= value <= upper`; a value that is not a number fails.
+
+        Returns:
+            Whether it holds.
+        """
+        ok = math.isfinite(value)
+        bounds = []
+        if lower is not None:
+            ok = ok and value >= lower
+            bounds.append(f">= {lower:g}")
+        if upper is not None:
+            ok = ok and value <= upper
+            bounds.append(f"<= {upper:g}")
+        self.criteria[name] = {"value": _plain(value), "bound": " and ".join(bounds), "ok": ok}
+        return ok
+
+    def hint(self, *lines: str) -> None:
+        """Say at the end where things are and what to try next."""
+        self._hints = lines
+
+    def fail(self, reason: str) -> None:
+        """The experiment could not be carried through."""
+        self.metrics["error"] = reason
+        self.criteria["carried_through"] = {"value": 0, "bound": ">= 1", "ok": False}
+        self._progress.line(f"failed: {reason}")
+
+    def finish(self) -> int:
+        """Write `result.json`, print it as the last line, return the exit code."""
+        ok = bool(self.criteria) and all(entry["ok"] for entry in self.criteria.values())
+        self._progress.end()
+        for name, entry in self.criteria.items():
+            mark = "ok  " if entry["ok"] else "FAIL"
+            value = entry["value"]
+            shown = f"{value:.4g}" if isinstance(value, int | float) else str(value)
+            print(f"  {mark} {name} = {shown} ({entry['bound']})")
+        result = {
+            "experiment": self.name,
+            "ok": ok,
+            "metrics": {key: _plain(value) for key, value in self.metrics.items()},
+            "criteria": self.criteria,
+        }
+        (self.output / "result.json").write_text(json.dumps(result, indent=2) + "\n")
+        print(f"results in {self.output}/")
+        for line in self._hints:
+            print(line)
+        print(json.dumps(result), flush=True)
+        return 0 if ok else 1
+
+
+def _plain(value: Any) -> Any:
+    """Make a value JSON-able: NumPy numbers to Python's, what is not finite to null."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, bool | str) or value is None:
+        return value
+    number = float(value)
+    if not math.isfinite(number):
+        return None
+    return int(number) if isinstance(value, int) else round(number, 6)
+
+
+class Progress:
+    """A progress bar on a terminal, a line now and then elsewhere."""
+
+    def __init__(self) -> None:
+        self._terminal = sys.stdout.isatty()
+        self._expected = 0.0
+        self._next_line = 0.0
+        self._open = False
+
+    def begin(self, expected: float) -> None:
+        """A session of so much simulated time [s] starts."""
+        self._expected = expected
+        self._next_line = 0.0
+        self._wall = time.monotonic()
+
+    def at(self, simulated: float) -> None:
+        """So much simulated time [s] has passed."""
+        pace = simulated / max(1e-3, time.monotonic() - self._wall)
+        share = min(1.0, simulated / self._expected) if self._expected > 0 else 0.0
+        if self._terminal:
+            bar = "#" * int(30 * share)
+            print(f"\r  [{bar:<30}] {simulated:6.1f} s simulated, {pace:4.2f}x real time",
+                  end="", flush=True)
+            self._open = True
+        elif simulated >= self._next_line:
+            print(f"  {simulated:6.1f} s simulated, {pace:4.2f}x real time", flush=True)
+            self._next_line = simulated + max(5.0, self._expected / 10)
+
+    def line(self, text: str) -> None:
+        """Print a line of its own."""
+        self.end()
+        print(text, flush=True)
+
+    def end(self) -> None:
+        """Leave the bar."""
+        if self._open:
+            print(flush=True)
+            self._open = False

@@ -1,0 +1,82 @@
+"""Passages that several experiments share."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from husky_bringup.metrics import has_fallen
+from husky_bringup.session import Session
+
+_SITTING_DOWN = 3.0
+"""Time that sitting down takes, with a margin [s]."""
+
+
+def stand_up(session: Session) -> None:
+    """Enable the drives and stand."""
+    session.enable_drives()
+    session.set_mode("stand_up", reached="stand", within=10.0)
+
+
+def sit_down(session: Session) -> None:
+    """Sit down from standing and take the torque off."""
+    session.set_mode("sit")
+    session.advance(_SITTING_DOWN)
+    session.set_mode("passive", within=1.0)
+
+
+def walk(session: Session, duration: float, velocity: tuple[float, float, float]) -> None:
+    """Walk with a velocity command (x, y [m/s], yaw rate [rad/s]) for a while [s]."""
+    session.set_velocity(*velocity)
+    if session.state is None or session.state.mode != "walk":
+        session.set_mode("walk")
+    session.advance(duration)
+
+
+def stop_walking(session: Session) -> None:
+    """Slow down and stand."""
+    session.set_velocity(0.0)
+    session.set_mode("stand", reached="stand", within=5.0)
+    session.release_velocity()
+
+
+def finish(session: Session) -> int:
+    """Stop walking and sit down, unless the robot has fallen; return the falls, 0 or 1."""
+    if has_fallen(session.truth):
+        return 1
+    stop_walking(session)
+    session.advance(1.0)
+    if has_fallen(session.truth):
+        return 1
+    sit_down(session)
+    return int(has_fallen(session.truth, minimum_height=0.0))
+
+
+def push(session: Session, impulse: tuple[float, float], duration: float = 0.1) -> None:
+    """Push the base with an impulse in x and y of world [N s]."""
+    session.push((impulse[0] / duration, impulse[1] / duration, 0.0), duration)
+
+
+def walk_with_pushes(
+    session: Session,
+    duration: float,
+    velocity: tuple[float, float, float],
+    impulse: float,
+    period: float,
+    seed: int,
+) -> None:
+    """Walk and push sideways, to a random side, every so often.
+
+    Args:
+        session: the running graph.
+        duration: [s].
+        velocity: command (x, y [m/s], yaw rate [rad/s]).
+        impulse: of each push [N s]; 0 for none.
+        period: time between pushes [s].
+        seed: of the sides.
+    """
+    sides = np.random.default_rng(seed)
+    end = session.time + duration
+    while session.time < end - 1e-9:
+        if impulse > 0.0:
+            push(session, (0.0, impulse * float(sides.choice((-1.0, 1.0)))))
+        walk(session, min(period, end - session.time), velocity)

@@ -1,0 +1,358 @@
+"""A running graph, as an experiment sees it: advance, command, push, break, restart, wait.
+
+In lockstep the world is paused whenever this class does not advance it, a command is at its node
+before the next tick, and what nodes report of the ticks gone by is here before a script looks at
+it. So a script gives the same trajectory however fast anything ran.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from geometry_msgs.msg import Twist
+from nav_msgs.msg import Odometry
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
+from std_srvs.srv import SetBool, Trigger
+
+from husky_bringup.link import ANSWER_PERIOD, GraphLink, SessionError
+from husky_bringup.system import ParameterValue, simulated_robot
+from husky_description import graph
+from husky_description.nodes import qos, stamps
+from husky_msgs.msg import ControllerState, DriveStatusArray
+from husky_msgs.srv import ApplyWrench, InjectFault, ResetWorld, SetGait, SetMode, StepWorld
+
+__all__ = ["Session", "SessionError"]
+
+_CHUNK_TICKS = 100
+"""Ticks between two messages on /cmd_vel, well below the 0.5 s after which it counts as silent."""
+_REPORT_PERIOD = 0.2
+"""Wall time that a report may be late, after which its node counts as silent [s]."""
+_REPORTS = {graph.GROUND_TRUTH: 10_000_000, graph.CONTROLLER_STATE: 20_000_000}
+"""Periods of what nodes report of themselves [ns]."""
+
+
+_SERVICES = {
+    graph.PLANT_STEP: StepWorld,
+    graph.PLANT_PAUSE: SetBool,
+    graph.PLANT_RESET: ResetWorld,
+    graph.PLANT_APPLY_WRENCH: ApplyWrench,
+    graph.PLANT_INJECT_FAULT: InjectFault,
+    graph.DRIVES_ENABLE: Trigger,
+    graph.DRIVES_DISABLE: Trigger,
+    graph.DRIVES_RESET_FAULTS: Trigger,
+    graph.DRIVES_EMERGENCY_STOP: Trigger,
+    graph.DRIVES_INJECT_FAULT: InjectFault,
+    graph.SET_MODE: SetMode,
+    graph.SET_GAIT: SetGait,
+}
+
+
+class Session(GraphLink):
+    """Starts the graph, and drives it tick by tick (lockstep) or beside the wall clock (realtime).
+
+    Attributes:
+        time: simulated time [s].
+        state: newest message of the controller, or None; also after `kill`.
+        truth: newest ground truth, or None.
+        drives: newest state of the drives, or None.
+        trajectory_sha256: digest of every state of the world so far.
+    """
+
+    def __init__(
+        self,
+        output: Path,
+        settings: Mapping[str, Mapping[str, ParameterValue]] | None = None,
+        *,
+        record: bool = True,
+        on_advance: Callable[[float], None] | None = None,
+        clock: str = "lockstep",
+    ):
+        """Start every node and wait until the graph is complete.
+
+        Args:
+            output: directory for logs and, when recording, `bag`.
+            settings: parameters by node name.
+            record: whether a recorder takes part.
+            on_advance: called with the simulated time [s] now and then.
+            clock: one of `husky_bringup.system.TIMES`.
+
+        Raises:
+            SessionError: a node ended or did not come up.
+        """
+        self.time = 0.0
+        self.state: ControllerState | None = None
+        self.truth: Odometry | None = None
+        self.drives: DriveStatusArray | None = None
+        self.trajectory_sha256 = ""
+        self._on_advance = on_advance
+        self._velocity = (0.0, 0.0, 0.0)
+        self._send_velocity = False
+        self._reported = dict.fromkeys(_REPORTS, 0)
+        self._lockstep = clock == "lockstep"
+        chosen = {name: dict(values) for name, values in (settings or {}).items()}
+        chosen.setdefault(graph.PLANT, {})["start_paused"] = True
+        specs = simulated_robot(clock, chosen, str(output / "bag") if record else None)
+        super().__init__("experiment", specs, output, _SERVICES)
+        node = self._node
+        self._cmd_vel = node.create_publisher(Twist, graph.CMD_VEL, qos.COMMAND)
+        self.subscribe(ControllerState, graph.CONTROLLER_STATE, self._on_state)
+        self.subscribe(Odometry, graph.GROUND_TRUTH, self._on_truth)
+        self.subscribe(DriveStatusArray, graph.DRIVES_STATUS, self._on_drives)
+        try:
+            self.wait_for(self._is_heard, "those who report and those who take commands")
+            if not self._lockstep:
+                self._expect(graph.PLANT_PAUSE, SetBool.Request(data=False))
+        except BaseException:
+            self.close()
+            raise
+
+    def _is_heard(self) -> bool:
+        """Whether this side's own topics have found their other ends."""
+        reports = (graph.CONTROLLER_STATE, graph.GROUND_TRUTH, graph.DRIVES_STATUS)
+        listeners = self._node.count_subscribers(graph.CMD_VEL)
+        return self._cmd_vel.get_subscription_count() >= listeners and all(
+            self._node.count_publishers(topic) >= 1 for topic in reports
+        )
+
+    # Time -----------------------------------------------------------------------------------
+    def advance(self, duration: float, until: Callable[[], bool] | None = None) -> bool:
+        """Let simulated time pass.
+
+        Args:
+            duration: how long [s].
+            until: looked at every 0.2 s of simulated time (lockstep) or all the time (realtime);
+                ends the wait early.
+
+        Returns:
+            Whether `until` came true; True without one.
+        """
+        if not self._lockstep:
+            return self._wait(duration, until)
+        ticks = round(duration / graph.TICK_PERIOD)
+        while ticks > 0:
+            if until is not None and until():
+                return True
+            chunk = min(ticks, _CHUNK_TICKS)
+            if self._send_velocity:
+                self._publish_velocity()
+            response = self.call(graph.PLANT_STEP, StepWorld.Request(ticks=chunk))
+            if not response.success:
+                raise SessionError(f"{graph.PLANT_STEP}: {response.message}")
+            ticks -= chunk
+            self.time = stamps.to_ns(response.stamp) / 1e9
+            self.trajectory_sha256 = response.trajectory_sha256
+            self._check_processes()
+            self._catch_up()
+            if self._on_advance is not None:
+                self._on_advance(self.time)
+        return until is None or until()
+
+    def _catch_up(self) -> None:
+        """Wait for the reports of the ticks gone by, of the nodes that do report."""
+        now = round(self.time * 1e9)
+        deadline = time.monotonic() + _REPORT_PERIOD
+        while late := [
+            topic for topic, stamp in self._reported.items() if stamp <= now - _REPORTS[topic]
+        ]:
+            if time.monotonic() > deadline:
+                for topic in late:
+                    del self._reported[topic]
+                return
+            self._executor.spin_once(timeout_sec=0.01)
+
+    def _wait(self, duration: float, until: Callable[[], bool] | None) -> bool:
+        """Realtime: watch simulated time go by.
+
+        Raises:
+            SessionError: it does not.
+        """
+        end = self.time + duration
+        deadline = time.monotonic() + ANSWER_PERIOD + 5.0 * duration
+        next_velocity = 0.0
+        while self.time < end:
+            if until is not None and until():
+                return True
+            now = time.monotonic()
+            if now > deadline:
+                raise SessionError(f"simulated time stands still at {self.time:.3f} s")
+            if self._send_velocity and now > next_velocity:
+                next_velocity = now + _CHUNK_TICKS * graph.TICK_PERIOD
+                self._publish_velocity()
+            self._check_processes()
+            self._executor.spin_once(timeout_sec=0.02)
+            if self.truth is not None:
+                self.time = stamps.to_ns(self.truth.header.stamp) / 1e9
+        return until is None or until()
+
+    # Breaking -------------------------------------------------------------------------------
+    def reset(self, keyframe: str = "", seed: int = -1) -> None:
+        """Put the world back to time zero.
+
+        Args:
+            keyframe: posture, empty for the one of the start.
+            seed: of all noise, negative for the one in use.
+        """
+        self._expect(graph.PLANT_RESET, ResetWorld.Request(keyframe=keyframe, seed=seed))
+        self._forget()
+
+    def _forget(self) -> None:
+        """What has been reported is of a world that is no more."""
+        self._reported = dict.fromkeys(_REPORTS, 0)
+        self._send_velocity = False
+        self.time, self.truth, self.state, self.drives = 0.0, None, None, None
+
+    def kill(self, node: str) -> None:
+        """Kill a node (SIGKILL), and forget what it has said; the others must do without it."""
+        super().kill(node)
+        if node == graph.LOW_LEVEL_CONTROLLER:
+            self.state = None
+        elif node == graph.DRIVE_BRIDGE:
+            self.drives = None
+
+    def start(self, node: str) -> None:
+        """Start a node that has been killed or ended, and wait until it can be spoken to.
+
+        Raises:
+            SessionError: it ended or did not come up.
+        """
+        super().start(node)
+        if node == graph.LOW_LEVEL_CONTROLLER:
+            self._reported[graph.CONTROLLER_STATE] = round(self.time * 1e9)
+        elif node == graph.PLANT:
+            self._forget()
+
+    # Commands -------------------------------------------------------------------------------
+    def enable_drives(self) -> None:
+        """Enable all drives and wait until they are.
+
+        Raises:
+            SessionError: they are not enabled within 3 s.
+        """
+        self.advance(0.1)  # the controller must be heard before
+        self._expect(graph.DRIVES_ENABLE, Trigger.Request())
+        end = self.time + 3.0
+        while True:
+            # Asked, not read from /drives/status: an answer is of this very tick.
+            self.advance(0.1)
+            answer = self.call(graph.DRIVES_ENABLE, Trigger.Request())
+            if answer.success and answer.message == "enabled":
+                break
+            if self.time > end or not (answer.success or "enabling" in answer.message):
+                raise SessionError(f"the drives are not enabled: {answer.message}")
+        self.advance(0.02)  # the controller must have seen it too
+
+    def set_mode(self, mode: str, reached: str | None = None, within: float = 0.0) -> None:
+        """Ask for a mode and wait until it (or the one that follows it) is reached.
+
+        Args:
+            mode: name of the mode.
+            reached: name of the mode to wait for; the same by default.
+            within: simulated time to wait [s], 0 for not waiting.
+
+        Raises:
+            SessionError: refused or not reached.
+        """
+        self._expect(graph.SET_MODE, SetMode.Request(mode=mode))
+        wanted = reached or mode
+        if within > 0.0 and not self.advance(
+            within, lambda: self.state is not None and self.state.mode == wanted
+        ):
+            mode_now = self.state.mode if self.state is not None else "unknown"
+            reason = self.state.reason if self.state is not None else ""
+            raise SessionError(
+                f"mode {wanted} is not reached within {within} s: {mode_now}, {reason}"
+            )
+
+    def start_again(self) -> None:
+        """Take the torque off and put the robot back to where it started, passive.
+
+        Raises:
+            SessionError: refused.
+        """
+        self._expect(graph.DRIVES_DISABLE, Trigger.Request())
+        self.advance(0.2)
+        self.reset()
+        if not self.advance(1.0, lambda: self.state is not None):
+            raise SessionError("the controller is silent after the reset")
+        if self.state is not None and self.state.mode != "passive":
+            self._expect(graph.SET_MODE, SetMode.Request(mode="passive"))
+        self._expect(graph.DRIVES_RESET_FAULTS, Trigger.Request())
+        self.advance(0.2)
+
+    def set_gait(self, gait: str) -> None:
+        """Choose the gait of the next walk.
+
+        Raises:
+            SessionError: refused.
+        """
+        self._expect(graph.SET_GAIT, SetGait.Request(gait=gait))
+
+    def set_velocity(self, vx: float, vy: float = 0.0, yaw_rate: float = 0.0) -> None:
+        """Command a velocity from now on, sent again every 0.2 s [m/s, m/s, rad/s]."""
+        self._velocity = (float(vx), float(vy), float(yaw_rate))
+        self._send_velocity = True
+
+    def release_velocity(self) -> None:
+        """Stop sending velocity commands: the operator has gone."""
+        self._send_velocity = False
+
+    def _publish_velocity(self) -> None:
+        twist = Twist()
+        twist.linear.x, twist.linear.y, twist.angular.z = self._velocity
+        self.publish_twist(twist)
+
+    def publish_twist(self, twist: Twist) -> None:
+        """Send one velocity command as it is.
+
+        It is in the controller's queue before the world is asked to step, and the controller looks
+        at velocity commands before joint states.
+        """
+        self._cmd_vel.publish(twist)
+
+    def push(self, force: tuple[float, float, float], duration: float, body: str = "") -> None:
+        """Push a body (the base by default) with a force in world [N] for a while [s]."""
+        request = ApplyWrench.Request(body=body, duration=float(duration))
+        request.wrench.force.x, request.wrench.force.y, request.wrench.force.z = map(float, force)
+        self._expect(graph.PLANT_APPLY_WRENCH, request)
+
+    def inject(self, service: str, target: str, fault: str) -> None:
+        """Make a device fail, or heal it with an empty fault."""
+        self._expect(service, InjectFault.Request(target=target, fault=fault))
+
+    def set_parameter(self, node: str, name: str, value: ParameterValue) -> None:
+        """Set a live parameter of a node.
+
+        Raises:
+            SessionError: refused.
+        """
+        service = f"/{node}/set_parameters"
+        if service not in self._services:
+            self._services[service] = self._node.create_client(SetParameters, service)
+            self.wait_for(self._services[service].service_is_ready, service)
+        parameter = Parameter(name, value=value).to_parameter_msg()
+        result = self.call(service, SetParameters.Request(parameters=[parameter])).results[0]
+        if not result.successful:
+            raise SessionError(f"{node} refused {name} = {value}: {result.reason}")
+
+    # Callbacks ------------------------------------------------------------------------------
+    def _on_state(self, state: ControllerState) -> None:
+        self.state = state
+        self._reported[graph.CONTROLLER_STATE] = stamps.to_ns(state.stamp)
+
+    def _on_truth(self, truth: Odometry) -> None:
+        self.truth = truth
+        self._reported[graph.GROUND_TRUTH] = stamps.to_ns(truth.header.stamp)
+
+    def _on_drives(self, drives: DriveStatusArray) -> None:
+        self.drives = drives
+
+    def __enter__(self) -> Session:
+        """Return itself."""
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        """End every node."""
+        self.close()

@@ -1,0 +1,89 @@
+"""The nodes of the robot and their parameters: one table for shell, launch file and tests."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from husky_description import graph
+
+ParameterValue = bool | int | float | str
+
+TIMES = ("lockstep", "realtime")
+"""Clocks of a simulated robot."""
+
+
+@dataclass(frozen=True)
+class NodeSpec:
+    """One process of the graph.
+
+    Attributes:
+        package: ROS package.
+        executable: its executable.
+        parameters: set on its command line.
+    """
+
+    package: str
+    executable: str
+    parameters: Mapping[str, ParameterValue] = field(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        """Node name: each executable makes one node of its own name."""
+        return self.executable
+
+    def command(self, *, params_file: str | None = None) -> list[str]:
+        """Return the `ros2 run` command line that starts it."""
+        arguments = ["ros2", "run", self.package, self.executable, "--ros-args"]
+        if params_file is not None:
+            arguments += ["--params-file", params_file]
+        for key, value in self.parameters.items():
+            arguments += ["-p", f"{key}:={to_yaml(value)}"]
+        return arguments
+
+
+def to_yaml(value: ParameterValue) -> str:
+    """Write a parameter value so that ROS reads it back with the same type."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        return f'"{value}"' if value == "" or not value.isidentifier() else value
+    return repr(value)
+
+
+def simulated_robot(
+    time: str = "lockstep",
+    settings: Mapping[str, Mapping[str, ParameterValue]] | None = None,
+    record: str | None = None,
+) -> tuple[NodeSpec, ...]:
+    """Return every node of the walking robot in simulation.
+
+    Args:
+        time: one of `TIMES`.
+        settings: further parameters by node name.
+        record: directory of the bag, or None for no recorder.
+
+    Raises:
+        ValueError: unknown clock, or settings of a node that is not there.
+    """
+    if time not in TIMES:
+        raise ValueError(f"time is {time!r}, it must be one of {', '.join(TIMES)}")
+    # Without a real-time kernel ticks come late now and then; the drives need not brake for that.
+    patience: dict[str, ParameterValue] = {"command_timeout": 0.03} if time == "realtime" else {}
+    specs = [
+        NodeSpec("husky_sim", graph.PLANT, {"time": time}),
+        NodeSpec("husky_drivers", graph.DRIVE_BRIDGE, {"time": time, "bus": "sim", **patience}),
+        NodeSpec("husky_drivers", graph.VN200_DRIVER, {"clock": "device"}),
+        NodeSpec("husky_control", graph.LOW_LEVEL_CONTROLLER, {"time": time}),
+    ]
+    if record is not None:
+        specs.append(NodeSpec("husky_bringup", graph.RECORDER, {"output": record}))
+    settings = settings or {}
+    names = [spec.name for spec in specs]
+    for name in settings:
+        if name not in names:
+            raise ValueError(f"there is no node {name!r}, the graph has {', '.join(names)}")
+    return tuple(
+        NodeSpec(spec.package, spec.executable, {**spec.parameters, **settings.get(spec.name, {})})
+        for spec in specs
+    )

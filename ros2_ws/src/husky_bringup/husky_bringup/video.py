@@ -1,0 +1,274 @@
+"""A film of a recording: the robot as it truly moved, in the world that it moved in."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+from PIL import Image as PilImage
+from PIL import ImageDraw, ImageFont
+from scipy.ndimage import uniform_filter1d
+from scipy.spatial.transform import Rotation, Slerp
+
+from husky_bringup.offscreen import Canvas, Image, NoRenderingError, add_arrow
+from husky_bringup.recording import Recording
+from husky_bringup.tables import Array
+from husky_description import graph
+from husky_description.robot import JOINT_NAMES
+
+_CAMERA = {"distance": 1.75, "azimuth": 120.0, "elevation": -14.0}
+"""From behind the right flank [m, deg, deg]."""
+_CAMERA_SMOOTHING = 1.0
+"""The camera follows the mean position over this time [s]."""
+_LIGHT_DISTANCE = 2.0
+"""Of the lights from the robot [m]; they move along, so that its shadow stays sharp."""
+_SHADOW_RADIUS = 4.0
+"""Ground around the robot that the shadow map covers [m]."""
+_SHADOW_SIZE = 2048
+"""Pixels of the shadow map's edge."""
+_FORCE_SCALE = 0.008
+"""Length of a force arrow [m/N]."""
+_FORCE_WIDTH = 0.008
+_FORCE_COLOUR = (0.90, 0.33, 0.10, 0.9)
+_MINIMUM_FORCE = 2.0
+"""Smaller forces get no arrow [N]."""
+
+_reason = ""
+
+
+def unavailable_reason() -> str:
+    """Return why the last `render` or `snapshots` gave None, with the packages that would help."""
+    return _reason
+
+
+def render(
+    recording: Recording,
+    model: mujoco.MjModel,
+    path: Path,
+    *,
+    size: tuple[int, int] = (640, 480),
+    fps: float = 25.0,
+    speed: float = 1.0,
+    start: float | None = None,
+    end: float | None = None,
+    forces: bool = True,
+    smooth: bool = False,
+) -> Path | None:
+    """Write an MP4 (H.264) of a recording.
+
+    Args:
+        recording: with ground truth and joint states.
+        model: the world that was simulated: a free joint of the base, and the twelve joints.
+        path: of the file.
+        size: width and height in pixels, even numbers.
+        fps: frames per second of the film.
+        speed: of playback; 0.25 is slow motion.
+        start: simulated time of the first frame [s], None for the recording's first.
+        end: simulated time of the last frame [s], None for the recording's last.
+        forces: draw the forces of the ground on the feet.
+        smooth: smooth edges, which takes twice the time.
+
+    Returns:
+        The path, or None where nothing can be drawn; then `unavailable_reason` says why.
+    """
+    import imageio_ffmpeg
+
+    if size[0] % 2 or size[1] % 2:
+        raise ValueError(f"size is {size}, H.264 needs even numbers")
+    first, last = _limits(recording, start, end)
+    times = np.arange(first, last, speed / fps)
+    model = _studio(model, smooth)
+    try:
+        with Canvas(model, *size) as canvas:
+            writer = imageio_ffmpeg.write_frames(
+                str(path),
+                size,
+                fps=fps,
+                codec="libx264",
+                pix_fmt_out="yuv420p",
+                quality=7,
+                macro_block_size=2,
+                output_params=["-preset", "veryfast"],
+            )
+            writer.send(None)
+            try:
+                for frame in _frames(recording, model, canvas, times, forces):
+                    writer.send(np.ascontiguousarray(frame))
+            finally:
+                writer.close()
+    except NoRenderingError as error:
+        _set_reason(error)
+        return None
+    return path
+
+
+def snapshots(
+    recording: Recording,
+    model: mujoco.MjModel,
+    path: Path,
+    times: Sequence[float],
+    *,
+    size: tuple[int, int] = (480, 360),
+    forces: bool = True,
+    smooth: bool = True,
+) -> Path | None:
+    """Write a PNG with pictures of a recording side by side.
+
+    Args:
+        recording: with ground truth and joint states.
+        model: the world that was simulated.
+        path: of the file.
+        times: of the pictures [s].
+        size: of each picture, width and height in pixels.
+        forces: draw the forces of the ground on the feet.
+        smooth: smooth edges, which takes twice the time.
+
+    Returns:
+        The path, or None where nothing can be drawn; then `unavailable_reason` says why.
+    """
+    model = _studio(model, smooth)
+    try:
+        with Canvas(model, *size) as canvas:
+            frames = list(_frames(recording, model, canvas, np.asarray(times, float), forces))
+    except NoRenderingError as error:
+        _set_reason(error)
+        return None
+    PilImage.fromarray(np.concatenate(frames, axis=1)).save(path)
+    return path
+
+
+def _set_reason(error: NoRenderingError) -> None:
+    global _reason
+    _reason = f"no video: {error}"
+
+
+def _studio(model: mujoco.MjModel, smooth: bool) -> mujoco.MjModel:
+    """Return a copy of a model that is lit for a film.
+
+    Args:
+        model: as it was simulated.
+        smooth: smooth edges, which takes twice the time.
+    """
+    copied = copy.copy(model)
+    copied.vis.quality.offsamples = 4 if smooth else 0
+    copied.vis.quality.shadowsize = _SHADOW_SIZE
+    copied.vis.map.shadowclip = _SHADOW_RADIUS / copied.stat.extent
+    copied.vis.headlight.ambient[:] = 0.32
+    copied.vis.headlight.diffuse[:] = 0.28
+    copied.vis.headlight.specular[:] = 0.1
+    copied.light_diffuse[:] = 0.5
+    copied.light_specular[:] = 0.2
+    return copied
+
+
+def _limits(recording: Recording, start: float | None, end: float | None) -> tuple[float, float]:
+    """Return the times between which there is ground truth as well as joint states [s]."""
+    base, joints = recording.base.time, recording.joints.time
+    first, last = max(base[0], joints[0]), min(base[-1], joints[-1])
+    return max(first, start or first), last if end is None else min(last, end)
+
+
+def motion(recording: Recording, model: mujoco.MjModel, times: Array) -> Array:
+    """Return MuJoCo positions of a recording (n, model.nq), interpolated.
+
+    Args:
+        recording: with ground truth and joint states.
+        model: with a free joint and the twelve joints; what else moves in it stays where it is.
+        times: [s] (n,).
+
+    Raises:
+        ValueError: the model has no free joint.
+    """
+    base, joints = recording.base, recording.joints
+    free = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)
+    if not len(free):
+        raise ValueError("the model has no free joint for the base")
+    positions = np.tile(model.qpos0, (len(times), 1))
+    at = int(model.jnt_qposadr[free[0]])
+    for axis in range(3):
+        positions[:, at + axis] = np.interp(times, base.time, base.position[:, axis])
+    inside = np.clip(times, base.time[0], base.time[-1])
+    turns = Slerp(base.time, Rotation.from_quat(base.orientation))(inside)
+    positions[:, at + 3 : at + 7] = turns.as_quat(scalar_first=True)
+    for index, name in enumerate(JOINT_NAMES):
+        address = int(model.joint(name).qposadr[0])
+        positions[:, address] = np.interp(times, joints.time, joints.position[:, index])
+    return positions
+
+
+def _frames(
+    recording: Recording, model: mujoco.MjModel, canvas: Canvas, times: Array, forces: bool
+) -> Iterator[Image]:
+    """Yield a picture for each time."""
+    data = mujoco.MjData(model)
+    base = recording.base
+    period = float(np.median(np.diff(base.time)))
+    window = max(1, round(_CAMERA_SMOOTHING / period))
+    smooth = uniform_filter1d(base.position, window, axis=0, mode="nearest")
+    contacts = recording.contacts if forces and recording.has(graph.FOOT_CONTACTS) else None
+    captions = _Captions(recording)
+    camera = canvas.camera
+    camera.type = mujoco.mjtCamera.mjCAMERA_FREE
+    for name, value in _CAMERA.items():
+        setattr(camera, name, value)
+    for time, position in zip(times, motion(recording, model, times), strict=True):
+        data.qpos[:] = position
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_camlight(model, data)
+        place = smooth[min(int(np.searchsorted(base.time, time)), len(smooth) - 1)]
+        data.light_xpos[:] = position[:3] - _LIGHT_DISTANCE * data.light_xdir
+        camera.lookat[:] = (place[0], place[1], place[2] - 0.12)
+
+        def add_forces(scene: mujoco.MjvScene, now: float = time) -> None:
+            if contacts is None:
+                return
+            row = min(int(np.searchsorted(contacts.time, now)), len(contacts) - 1)
+            for foot, force in zip(contacts.position[row], contacts.force[row], strict=True):
+                if np.linalg.norm(force) > _MINIMUM_FORCE:
+                    tip = foot + _FORCE_SCALE * force
+                    add_arrow(scene, foot, tip, _FORCE_WIDTH, _FORCE_COLOUR)
+
+        yield captions.write(canvas.draw(data, add_forces), time)
+
+
+class _Captions:
+    """Writes time, mode and speed into pictures."""
+
+    def __init__(self, recording: Recording):
+        self._base = recording.base
+        speed = np.linalg.norm(self._base.velocity[:, :2], axis=1)
+        period = float(np.median(np.diff(self._base.time)))
+        self._speed = uniform_filter1d(speed, max(1, round(0.4 / period)), mode="nearest")
+        self._states: Any = None
+        if recording.has(graph.CONTROLLER_STATE):
+            self._states = recording.controller
+        self._font: Any = None
+
+    def write(self, image: Image, time: float) -> Image:
+        """Return the picture with its caption."""
+        if self._font is None:
+            self._font = ImageFont.load_default(max(11, image.shape[0] // 28))
+        text = f"{time:6.2f} s"
+        states = self._states
+        if states is not None:
+            row = max(0, int(np.searchsorted(states.time, time, "right")) - 1)
+            mode = states.mode[row].replace("_", " ")
+            text += f"   {mode}" + (f" ({states.gait[row]})" if mode == "walk" else "")
+        row = min(int(np.searchsorted(self._base.time, time)), len(self._speed) - 1)
+        text += f"   {self._speed[row]:.2f} m/s"
+        picture = PilImage.fromarray(image)
+        margin = image.shape[0] // 40
+        ImageDraw.Draw(picture).text(
+            (margin, margin),
+            text,
+            fill=(35, 35, 35),
+            font=self._font,
+            stroke_width=2,
+            stroke_fill=(255, 255, 255),
+        )
+        return np.asarray(picture)

@@ -1,0 +1,32 @@
+"""Package husky_bringup: Launch file, parameter files, recorder, teleoperation, experiments."""
+
+from glob import glob
+
+from setuptools import find_packages, setup
+
+package = "husky_bringup"
+
+setup(
+    name=package,
+    version="0.1.0",
+    description="Launch file, parameter files, recorder, teleoperation, experiments.",
+    license="Apache-2.0",
+    maintainer="Husky maintainers",
+    maintainer_email="maintainers@husky-carbon.org",
+    packages=find_packages(exclude=["test"]),
+    package_data={package: ["py.typed"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{package}"]),
+        (f"share/{package}", ["package.xml"]),
+        (f"share/{package}/launch", ["launch/husky.launch.py"]),
+        (f"share/{package}/config", glob("config/*.yaml")),
+    ],
+    install_requires=["setuptools"],
+    zip_safe=False,
+    entry_points={
+        "console_scripts": [
+            "recorder = husky_bringup.nodes.recorder:main",
+            "teleop = husky_bringup.nodes.teleop:main",
+        ],
+    },
+)

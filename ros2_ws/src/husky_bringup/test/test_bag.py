@@ -1,0 +1,265 @@
+"""Bags are what ROS 2 Jazzy expects, by three readers: two libraries and rosbag2's own rules."""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from rosbags.highlevel import AnyReader
+
+from husky_bringup.bag import MISSING_KEY, BagWriter, make_typestore, select_topics
+from husky_description import graph
+
+TICK = graph.TICK_PERIOD_NS
+ZEROS = [0.0] * 12
+
+
+def joint(messages: Any, stamp: int) -> tuple[str, bytes]:
+    return graph.JOINT_STATES, messages.joint_states(stamp, ZEROS, ZEROS, ZEROS)
+
+
+def text(messages: Any, words: str) -> tuple[str, bytes]:
+    return graph.ROBOT_DESCRIPTION, messages.pack("std_msgs/msg/String", data=words)
+
+
+def twist(messages: Any, typestore: Any) -> tuple[str, bytes]:
+    vector = typestore.types["geometry_msgs/msg/Vector3"]
+    message = messages.pack(
+        "geometry_msgs/msg/Twist", linear=vector(0.5, 0.0, 0.0), angular=vector(0.0, 0.0, 0.1)
+    )
+    return graph.CMD_VEL, message
+
+
+def diagnostics(messages: Any, stamp: int) -> tuple[str, bytes]:
+    message = messages.pack(
+        "diagnostic_msgs/msg/DiagnosticArray", header=messages.header(stamp), status=[]
+    )
+    return graph.DIAGNOSTICS, message
+
+
+def read(path: Path) -> list[tuple[str, int, bytes]]:
+    with AnyReader([path]) as reader:
+        return [(c.topic, stamp, data) for c, stamp, data in reader.messages()]
+
+
+def metadata(path: Path) -> dict[str, Any]:
+    found: dict[str, Any] = yaml.safe_load((path / "metadata.yaml").read_text())
+    return found
+
+
+# Round trip -----------------------------------------------------------------------------------
+def test_rosbags_reads_back_what_was_written(tmp_path: Path, write_bag: Any, messages: Any) -> None:
+    content = [joint(messages, i * TICK) for i in range(3000)]
+    write_bag(tmp_path / "bag", content)
+    back = read(tmp_path / "bag")
+    assert [(topic, data) for topic, _, data in back] == content
+    assert [stamp for _, stamp, _ in back] == [i * TICK for i in range(3000)]
+
+
+def test_definitions_of_all_types_are_inside(
+    tmp_path: Path, write_bag: Any, messages: Any, typestore: Any
+) -> None:
+    write_bag(tmp_path / "bag", [joint(messages, 0)])
+    with AnyReader([tmp_path / "bag"]) as reader:  # its typestore starts empty
+        assert {c.topic: c.msgtype for c in reader.connections} == {
+            topic.name: topic.type for topic in graph.TOPICS
+        }
+        for topic in graph.TOPICS:
+            assert reader.typestore.fielddefs[topic.type] == typestore.fielddefs[topic.type]
+
+
+def test_the_mcap_library_reads_it(tmp_path: Path, write_bag: Any, messages: Any) -> None:
+    reader_module = pytest.importorskip("mcap.reader")
+    content = [joint(messages, i * TICK) for i in range(2000)]
+    write_bag(tmp_path / "bag", [text(messages, "<robot/>"), *content])
+    with (tmp_path / "bag" / "bag.mcap").open("rb") as stream:
+        reader = reader_module.make_reader(stream, validate_crcs=True)
+        summary = reader.get_summary()
+        assert summary.statistics.message_count == 2001
+        assert summary.statistics.chunk_count == len(summary.chunk_indexes)
+        assert {chunk.compression for chunk in summary.chunk_indexes} == {"zstd"}
+        assert {schema.encoding for schema in summary.schemas.values()} == {"ros2msg"}
+        schema = next(s for s in summary.schemas.values() if s.name.endswith("DriveStatusArray"))
+        assert b"MSG: husky_msgs/DriveStatus" in schema.data
+        assert reader.get_header().profile == "ros2"
+        found = [
+            (channel.topic, message.log_time, message.data)
+            for _, channel, message in reader.iter_messages(topics=[graph.JOINT_STATES])
+        ]
+    assert found == [(graph.JOINT_STATES, i * TICK, data) for i, (_, data) in enumerate(content)]
+
+
+# Metadata -------------------------------------------------------------------------------------
+def test_metadata_is_what_rosbag2_decodes(tmp_path: Path, write_bag: Any, messages: Any) -> None:
+    """Fields and types are those that rosbag2_storage/yaml.hpp (branch jazzy, version 9) reads."""
+    content = [joint(messages, i * TICK) for i in range(100, 601)]
+    write_bag(tmp_path / "bag", content)
+    info = metadata(tmp_path / "bag")["rosbag2_bagfile_information"]
+    assert info["version"] == 9
+    assert info["storage_identifier"] == "mcap"
+    assert info["duration"] == {"nanoseconds": 500 * TICK}
+    assert info["starting_time"] == {"nanoseconds_since_epoch": 100 * TICK}
+    assert info["message_count"] == 501
+    assert info["compression_format"] == info["compression_mode"] == ""
+    assert info["relative_file_paths"] == ["bag.mcap"]
+    assert info["files"] == [
+        {
+            "path": "bag.mcap",
+            "starting_time": {"nanoseconds_since_epoch": 100 * TICK},
+            "duration": {"nanoseconds": 500 * TICK},
+            "message_count": 501,
+        }
+    ]
+    assert all(isinstance(value, str) for value in info["custom_data"].values())
+    assert isinstance(info["ros_distro"], str)
+    topics = {entry["topic_metadata"]["name"]: entry for entry in info["topics_with_message_count"]}
+    assert set(topics) == {topic.name for topic in graph.TOPICS}
+    assert topics[graph.JOINT_STATES]["message_count"] == 501
+    assert topics[graph.CLOCK]["message_count"] == 0
+    for entry in topics.values():
+        row = entry["topic_metadata"]
+        assert row["serialization_format"] == "cdr"
+        assert row["type_description_hash"].startswith("RIHS01_")
+        assert len(row["type_description_hash"]) == len("RIHS01_") + 64
+
+
+def test_qos_is_spelled_as_rosbag2_does(tmp_path: Path, write_bag: Any, messages: Any) -> None:
+    """As in a metadata.yaml that `ros2 bag record` of Jazzy has written."""
+    write_bag(tmp_path / "bag", [joint(messages, 0)])
+    info = metadata(tmp_path / "bag")["rosbag2_bagfile_information"]
+    offered = {
+        entry["topic_metadata"]["name"]: entry["topic_metadata"]["offered_qos_profiles"]
+        for entry in info["topics_with_message_count"]
+    }
+    forever = {"sec": 9223372036, "nsec": 854775807}
+    assert offered[graph.JOINT_STATES] == [
+        {
+            "history": "keep_last",
+            "depth": 16,
+            "reliability": "best_effort",
+            "durability": "volatile",
+            "deadline": forever,
+            "lifespan": forever,
+            "liveliness": "automatic",
+            "liveliness_lease_duration": forever,
+            "avoid_ros_namespace_conventions": False,
+        }
+    ]
+    assert offered[graph.ROBOT_DESCRIPTION][0]["durability"] == "transient_local"
+
+
+def test_type_hash_is_the_one_that_ros_publishes(
+    tmp_path: Path, write_bag: Any, messages: Any
+) -> None:
+    """std_msgs/msg/String, from a bag recorded with `ros2 bag record`."""
+    write_bag(tmp_path / "bag", [text(messages, "")])
+    info = metadata(tmp_path / "bag")["rosbag2_bagfile_information"]
+    hashes = {
+        entry["topic_metadata"]["type"]: entry["topic_metadata"]["type_description_hash"]
+        for entry in info["topics_with_message_count"]
+    }
+    assert hashes["std_msgs/msg/String"] == (
+        "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
+    )
+
+
+# Log times ------------------------------------------------------------------------------------
+def test_what_comes_before_the_first_stamp_is_logged_at_it(
+    tmp_path: Path, write_bag: Any, messages: Any, typestore: Any
+) -> None:
+    now = time.time_ns()
+    early = [text(messages, "<robot/>"), diagnostics(messages, now), twist(messages, typestore)]
+    write_bag(tmp_path / "bag", [*early, joint(messages, 3 * TICK), joint(messages, 4 * TICK)])
+    back = read(tmp_path / "bag")
+    assert {topic: stamp for topic, stamp, _ in back[:4]} == {
+        graph.ROBOT_DESCRIPTION: 3 * TICK,
+        graph.DIAGNOSTICS: 3 * TICK,
+        graph.CMD_VEL: 3 * TICK,
+        graph.JOINT_STATES: 3 * TICK,
+    }
+
+
+def test_a_reset_world_does_not_disorder_the_bag(
+    tmp_path: Path, write_bag: Any, messages: Any
+) -> None:
+    stamps = [*range(1000), *range(500)]
+    content = [joint(messages, stamp * TICK) for stamp in stamps]
+    writer = write_bag(tmp_path / "bag", content)
+    assert writer.resets == 1
+    assert [(topic, data) for topic, _, data in read(tmp_path / "bag")] == content
+
+
+def test_without_any_clock_wall_time_is_used(
+    tmp_path: Path, profiles: Any, typestore: Any, messages: Any
+) -> None:
+    before = time.time_ns()
+    writer = BagWriter(tmp_path / "bag", [graph.topic(graph.CMD_VEL)], profiles, typestore)
+    writer.write(writer.channels[0], twist(messages, typestore)[1])
+    writer.close()
+    (_, stamp, _), *rest = read(tmp_path / "bag")
+    assert not rest
+    assert before <= stamp <= time.time_ns()
+
+
+def test_messages_without_a_clock_are_kept(tmp_path: Path, write_bag: Any, messages: Any) -> None:
+    """The world never started: there is no time, but what was said is in the bag."""
+    writer = write_bag(tmp_path / "bag", [text(messages, "<robot/>")])
+    assert [topic for topic, _, _ in read(tmp_path / "bag")] == [graph.ROBOT_DESCRIPTION]
+    assert writer.channels[-3].count == 1
+
+
+def test_an_empty_bag_can_be_opened(tmp_path: Path, write_bag: Any) -> None:
+    write_bag(tmp_path / "bag", [])
+    assert read(tmp_path / "bag") == []
+
+
+# Missing messages -----------------------------------------------------------------------------
+def test_gaps_between_stamps_are_counted(tmp_path: Path, write_bag: Any, messages: Any) -> None:
+    stamps = [i for i in range(1000) if i not in (17, 500, 501, 502)]
+    writer = write_bag(tmp_path / "bag", [joint(messages, i * TICK) for i in stamps])
+    assert writer.missing == {graph.JOINT_STATES: 4}
+    info = metadata(tmp_path / "bag")["rosbag2_bagfile_information"]
+    assert json.loads(info["custom_data"][MISSING_KEY]) == {graph.JOINT_STATES: 4}
+    assert "4" in next(line for line in writer.report().splitlines() if "/joint_states" in line)
+
+
+# Where it goes --------------------------------------------------------------------------------
+def test_nothing_is_overwritten_unasked(
+    tmp_path: Path, write_bag: Any, messages: Any, profiles: Any, typestore: Any
+) -> None:
+    path = tmp_path / "bag"
+    write_bag(path, [joint(messages, 0)])
+    with pytest.raises(FileExistsError, match="overwrite"):
+        BagWriter(path, graph.TOPICS, profiles, typestore)
+    assert len(read(path)) == 1
+    BagWriter(path, graph.TOPICS, profiles, typestore, overwrite=True).close()
+    assert read(path) == []
+
+
+@pytest.mark.parametrize("name", ["notes.txt", "more"])
+def test_only_a_bag_is_ever_replaced(
+    tmp_path: Path, profiles: Any, typestore: Any, name: str
+) -> None:
+    path = tmp_path / "home"
+    path.mkdir()
+    foreign = path / name
+    foreign.mkdir() if name == "more" else foreign.write_text("mine")
+    with pytest.raises(FileExistsError, match="not a bag"):
+        BagWriter(path, graph.TOPICS, profiles, typestore, overwrite=True)
+    assert foreign.exists()
+
+
+def test_topics_are_chosen_by_name() -> None:
+    names = [graph.IMU, graph.SERVO_STATE]
+    assert [topic.name for topic in select_topics(names)] == [graph.SERVO_STATE, graph.IMU]
+    with pytest.raises(ValueError, match="/nonsense"):
+        select_topics(["/nonsense"])
+
+
+def test_missing_definitions_are_reported(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError, match=str(tmp_path)):
+        make_typestore(tmp_path)

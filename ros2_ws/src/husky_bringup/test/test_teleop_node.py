@@ -1,0 +1,232 @@
+"""The process `teleop` at a terminal, before a controller that notes what it is asked."""
+
+from __future__ import annotations
+
+import os
+import pty
+import select
+import signal
+import subprocess
+import sys
+import termios
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+pytest.importorskip("husky_msgs")
+
+import rclpy
+from geometry_msgs.msg import Twist
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from sensor_msgs.msg import Joy
+from std_srvs.srv import Trigger
+
+from husky_description import graph
+from husky_description.nodes import qos
+from husky_msgs.msg import ControllerState, DriveStatusArray
+from husky_msgs.srv import SetGait, SetMode
+
+pytestmark = pytest.mark.graph
+
+
+class Robot:
+    """Services of drive bridge and controller; notes calls and velocities."""
+
+    def __init__(self, context: Context):
+        self.node = Node("robot", context=context)
+        self.executor = SingleThreadedExecutor(context=context)
+        self.executor.add_node(self.node)
+        self.calls: list[str] = []
+        self.velocities: list[tuple[float, float, float]] = []
+        self.state = ControllerState(mode="passive", gait="trot")
+        self.drives = DriveStatusArray()
+        self.node.create_subscription(Twist, graph.CMD_VEL, self.on_velocity, qos.COMMAND)
+        self.node.create_service(SetMode, graph.SET_MODE, self.on_mode)
+        self.node.create_service(SetGait, graph.SET_GAIT, self.on_gait)
+        for name in (
+            graph.DRIVES_ENABLE,
+            graph.DRIVES_RESET_FAULTS,
+            graph.DRIVES_EMERGENCY_STOP,
+        ):
+            self.node.create_service(Trigger, name, self.trigger(name))
+        self.state_publisher = self.node.create_publisher(
+            ControllerState, graph.CONTROLLER_STATE, qos.STATUS
+        )
+        self.drives_publisher = self.node.create_publisher(
+            DriveStatusArray, graph.DRIVES_STATUS, qos.STATUS
+        )
+        self.joystick = self.node.create_publisher(Joy, graph.JOY, qos.COMMAND)
+        self.node.create_timer(0.02, self.report)
+
+    def report(self) -> None:
+        self.state_publisher.publish(self.state)
+        self.drives_publisher.publish(self.drives)
+
+    def on_velocity(self, twist: Twist) -> None:
+        self.velocities.append((twist.linear.x, twist.linear.y, twist.angular.z))
+
+    def on_mode(self, request: Any, response: Any) -> Any:
+        self.calls.append(request.mode)
+        self.state.mode = {"stand_up": "stand"}.get(request.mode, request.mode)
+        response.success = True
+        return response
+
+    def on_gait(self, request: Any, response: Any) -> Any:
+        self.calls.append(f"gait {request.gait}")
+        self.state.gait = request.gait
+        response.success = True
+        return response
+
+    def trigger(self, name: str) -> Callable[[Any, Any], Any]:
+        def answer(request: Any, response: Any) -> Any:
+            self.calls.append(name)
+            self.drives.operational = name == graph.DRIVES_ENABLE
+            response.success = True
+            return response
+
+        return answer
+
+
+class Bench:
+    """A robot and a teleop process with a terminal, in a ROS domain of their own."""
+
+    def __init__(self, *, terminal: bool = True):
+        domain = 1 + os.getpid() % 100
+        self.context = Context()
+        rclpy.init(context=self.context, domain_id=domain)
+        self.robot = Robot(self.context)
+        self.master, self.slave = pty.openpty()
+        self.before = termios.tcgetattr(self.slave)
+        self.seen = ""
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "husky_bringup.nodes.teleop"],
+            env={**os.environ, "ROS_DOMAIN_ID": str(domain)},
+            stdin=self.slave if terminal else subprocess.DEVNULL,
+            stdout=self.slave,
+            stderr=self.slave,
+            start_new_session=True,
+            preexec_fn=(lambda: os.close(os.open(os.ttyname(0), os.O_RDWR))) if terminal else None,
+        )
+        self.until(
+            lambda: (
+                self.robot.node.count_publishers(graph.CMD_VEL) == 1
+                and self.robot.state_publisher.get_subscription_count() == 1
+                and self.robot.joystick.get_subscription_count() == 1
+            ),
+            "teleop",
+        )
+        self.spin(0.5)  # its clients meet the services
+
+    def spin(self, duration: float) -> None:
+        end = time.monotonic() + duration
+        while time.monotonic() < end:
+            self.executor_once()
+
+    def executor_once(self) -> None:
+        self.robot.executor.spin_once(timeout_sec=0.02)
+        if select.select([self.master], [], [], 0.0)[0]:
+            self.seen += os.read(self.master, 4096).decode()
+
+    def until(self, predicate: Callable[[], bool], what: str) -> None:
+        deadline = time.monotonic() + 30.0
+        while not predicate():
+            assert self.process.poll() is None, self.seen
+            assert time.monotonic() < deadline, f"waited for {what}, saw {self.seen!r}"
+            self.executor_once()
+
+    def type(self, keys: str) -> None:
+        os.write(self.master, keys.encode())
+
+    def close(self) -> None:
+        if self.process.poll() is None:
+            self.process.kill()
+        self.process.wait()
+        self.robot.node.destroy_node()
+        rclpy.shutdown(context=self.context)
+        os.close(self.master)
+        os.close(self.slave)
+
+
+@pytest.fixture
+def bench() -> Iterator[Bench]:
+    bench = Bench()
+    yield bench
+    bench.close()
+
+
+def test_an_operator_at_the_keyboard(bench: Bench) -> None:
+    robot = bench.robot
+    bench.type("u")
+    bench.until(lambda: robot.calls == [graph.DRIVES_ENABLE, "stand_up"], "standing up")
+    bench.until(lambda: "stand (trot)" in bench.seen, "the status line")
+    assert not robot.velocities, "nothing is sent unasked"
+
+    bench.type("w")
+    bench.until(lambda: robot.calls[-1] == "walk", "walking")
+    bench.until(lambda: (0.5, 0.0, 0.0) in robot.velocities, "a velocity")
+    bench.until(lambda: robot.velocities[-1] == (0.0, 0.0, 0.0), "the dead-man stop")
+    bench.spin(1.0)
+    robot.velocities.clear()
+    bench.spin(0.5)
+    assert not robot.velocities, "silent after the stop"
+
+    bench.type("g")
+    bench.until(lambda: robot.calls[-1] == "gait crawl", "the next gait")
+    bench.type(" ")
+    bench.until(lambda: robot.calls[-1] == "stand", "a stop")
+    bench.type("j")
+    bench.until(lambda: robot.calls[-1] == "sit", "sitting")
+    bench.type(" ")
+    bench.spin(0.3)
+    assert robot.calls[-1] == "sit", "a stop does not make a sitting robot rise"
+    bench.type("x")
+    stopped = {"emergency_stop", graph.DRIVES_EMERGENCY_STOP}
+    bench.until(lambda: set(robot.calls[-2:]) == stopped, "the emergency stop of both")
+    robot.state.reason = "tilt of 0.9 rad"
+    bench.until(lambda: "emergency_stop: tilt of 0.9 rad" in bench.seen, "the reason")
+    bench.type("r")
+    recovered = {"passive", graph.DRIVES_RESET_FAULTS}
+    bench.until(lambda: set(robot.calls[-2:]) == recovered, "recovery of both")
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_the_end_stops_the_robot_and_restores_the_terminal(
+    bench: Bench, number: signal.Signals
+) -> None:
+    robot = bench.robot
+    robot.state.mode = "walk"
+    bench.type("a")
+    bench.until(lambda: (0.0, 0.3, 0.0) in robot.velocities, "a velocity")
+    bench.process.send_signal(number)
+    assert bench.process.wait(30.0) == 0
+    assert termios.tcgetattr(bench.slave) == bench.before
+    end = time.monotonic() + 5.0
+    while robot.velocities[-1] != (0.0, 0.0, 0.0):
+        assert time.monotonic() < end, robot.velocities
+        robot.executor.spin_once(timeout_sec=0.05)
+
+
+def test_a_joystick_without_a_terminal() -> None:
+    bench = Bench(terminal=False)
+    try:
+        robot = bench.robot
+        robot.state.mode = "stand"
+        held = Joy(axes=[0.0, 1.0, 0.0, -1.0, 0.0], buttons=[0, 0, 0, 0, 1])
+
+        def push() -> bool:
+            robot.joystick.publish(held)
+            return (0.5, 0.0, pytest.approx(-0.8)) in robot.velocities and bool(robot.calls)
+
+        bench.until(push, "a velocity and walking")
+        assert robot.calls == ["walk"]
+        bench.spin(0.6)  # the joystick is silent
+        robot.velocities.clear()
+        bench.spin(0.5)
+        assert not robot.velocities
+    finally:
+        bench.close()

@@ -1,0 +1,1 @@
+"""What decides: kinematics, gaits, estimator, safety, modes; the low-level controller."""

@@ -1,0 +1,553 @@
+"""One tick of the low-level controller: measurements in, joint command out (500 Hz)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from husky_control.contact import ContactObserver, ContactThresholds
+from husky_control.estimator import GRAVITY, Estimator, EstimatorNoise
+from husky_control.gait import GAITS
+from husky_control.kinematics import JOINTS, LEGS, Kinematics, forward_kinematics
+from husky_control.modes import ACTIVE, Event, Mode, ModeMachine, Transition
+from husky_control.parameters import Parameters
+from husky_control.posture import PostureMove
+from husky_control.rotation import matrix_from_quaternion, tilt_of
+from husky_control.safety import Safety, all_finite, limit_command
+from husky_control.stance import distribute_weight
+from husky_control.walking import Walking
+
+if TYPE_CHECKING:
+    from husky_description.robot import Robot
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+TICK = 0.002  # s
+REST_SPEED = 0.08  # m/s, below which a standing body is at rest
+REST_RATE = 0.3  # rad/s, likewise
+TRUST_TIME = 0.02  # s, in which an unloaded stance foot loses the estimator's trust
+
+# CiA 402 modes of operation
+CYCLIC_POSITION = 8
+CYCLIC_VELOCITY = 9
+CYCLIC_TORQUE = 10
+
+
+@dataclass(slots=True)
+class Measurements:
+    """What one tick knows. Frames: base is REP-103, world has z up."""
+
+    time: float = 0.0  # s
+    joint_position: Array = field(default_factory=lambda: np.zeros(JOINTS))  # rad
+    joint_velocity: Array = field(default_factory=lambda: np.zeros(JOINTS))  # rad/s
+    joint_torque: Array = field(default_factory=lambda: np.zeros(JOINTS))  # N m, from current
+    orientation_base_in_world: Array = field(  # quaternion x, y, z, w
+        default_factory=lambda: np.array([0.0, 0.0, 0.0, 1.0])
+    )
+    angular_velocity_base_in_base: Array = field(default_factory=lambda: np.zeros(3))  # rad/s
+    specific_force_base: Array = field(  # m/s^2, of the base
+        default_factory=lambda: np.array([0.0, 0.0, GRAVITY])
+    )
+    imu_age: float = 0.0  # s, of the IMU sample
+    joint_age_ticks: int = 0  # ticks, of the joint states
+    drives_operational: bool = False
+
+    def take(self, other: Measurements) -> None:
+        """Copy the values of another one.
+
+        Raises:
+            ValueError: an array of the other has a wrong shape.
+        """
+        self.time = other.time
+        self.joint_position[:] = other.joint_position
+        self.joint_velocity[:] = other.joint_velocity
+        self.joint_torque[:] = other.joint_torque
+        self.orientation_base_in_world[:] = other.orientation_base_in_world
+        self.angular_velocity_base_in_base[:] = other.angular_velocity_base_in_base
+        self.specific_force_base[:] = other.specific_force_base
+        self.imu_age = other.imu_age
+        self.joint_age_ticks = other.joint_age_ticks
+        self.drives_operational = other.drives_operational
+
+
+@dataclass(slots=True)
+class JointCommand:
+    """Targets for the twelve drives; the arrays are reused by the next tick."""
+
+    mode_of_operation: int = CYCLIC_TORQUE  # CiA 402
+    position: Array = field(default_factory=lambda: np.zeros(JOINTS))  # rad
+    velocity: Array = field(default_factory=lambda: np.zeros(JOINTS))  # rad/s
+    effort: Array = field(default_factory=lambda: np.zeros(JOINTS))  # N m
+
+
+@dataclass(slots=True)
+class Counters:
+    """What happened since the controller was made."""
+
+    ticks: int = 0
+    faults: int = 0
+    bad_measurements: int = 0
+    refused_velocity_commands: int = 0
+    refused_requests: int = 0
+    command_timeouts: int = 0
+    out_of_reach: int = 0
+
+
+class Controller:
+    """The pure controller of one robot; the node only carries messages to and from it."""
+
+    def __init__(
+        self, robot: Robot, parameters: Parameters | None = None, *, warm_up: bool = True
+    ) -> None:
+        """A controller in passive; compiles its kernels, so that the first tick is not late."""
+        self.robot = robot
+        self.parameters = parameters or Parameters()
+        self.counters = Counters()
+        self.command = JointCommand()
+        self.reason = "started"
+        self._kinematics = Kinematics(robot)
+        self._geometry = self._kinematics.geometry
+        self._machine = ModeMachine(self._holds)
+        self._safety = Safety(robot, self.parameters)
+        self._contacts = ContactObserver(robot)
+        self._estimator = Estimator(robot)
+        self._gait_name = "trot"
+        self._walking = Walking(robot, self.parameters, self.parameters.gait(self._gait_name))
+        self._move = PostureMove()
+        self._pending_gait: str | None = None
+        self._silent_ticks = 0
+        # Copies: the kernels are compiled for these arrays, and the last good ones are kept.
+        self._measurements = Measurements()
+        self._incoming = Measurements()
+        self._measured = False
+        self._lower = np.array(robot.joint_lower, dtype=np.float64)
+        self._upper = np.array(robot.joint_upper, dtype=np.float64)
+        self._velocity_limit = np.array(robot.joint_velocity_limit, dtype=np.float64)
+        self._torque_limit = np.array(robot.joint_torque_limit, dtype=np.float64)
+        self._rotation = np.eye(3)
+        self._foot_in_base = np.zeros((LEGS, 3))
+        self._jacobian = np.zeros((LEGS, 3, 3))
+        self._foot_force = np.zeros((LEGS, 3))
+        self._center = np.zeros(3)
+        self._trust = np.ones(LEGS)
+        self._share = np.ones(LEGS)
+        self._revision = -1
+        self._refresh_parameters()
+        if warm_up:
+            self._warm_up()
+
+    # ---------------------------------------------------------------- requests
+
+    def request_mode(self, name: str) -> tuple[bool, str]:
+        """Ask for a mode; returns whether it was accepted, and a message."""
+        if name == "stand" and self.mode is Mode.WALK:
+            self._walking.stop_stepping()
+            self._pending_gait = None
+            return True, "stopping"
+        row, message = self._machine.request(name)
+        if row is None:
+            self.counters.refused_requests += 1
+            return False, message
+        self._enter(row, f"{name} requested")
+        return True, message
+
+    def request_gait(self, name: str) -> tuple[bool, str]:
+        """Ask for a gait; while walking it changes in a stand between."""
+        if name not in GAITS:
+            self.counters.refused_requests += 1
+            return False, f"there is no gait '{name}'; there are {', '.join(GAITS)}"
+        if self.mode is Mode.WALK and name != self._gait_name:
+            self._pending_gait = name
+            self._walking.stop_stepping()
+            return True, f"changing to {name} through stand"
+        self._gait_name = name
+        return True, name
+
+    def set_velocity_command(self, vx: float, vy: float, yaw_rate: float) -> tuple[bool, str]:
+        """Set the velocity command, m/s and rad/s in the base's heading frame.
+
+        A command that is not finite or out of range is refused whole; the last one stays.
+        """
+        p = self.parameters
+        forward = p[f"gait.{self._gait_name}.max_speed"]
+        checks = (
+            ("vx", vx, forward, "m/s"),
+            ("vy", vy, min(forward, p["command.max_lateral_speed"]), "m/s"),
+            ("yaw_rate", yaw_rate, p["command.max_yaw_rate"], "rad/s"),
+        )
+        for name, value, limit, unit in checks:
+            if not math.isfinite(value) or abs(value) > limit:
+                self.counters.refused_velocity_commands += 1
+                return False, f"{name} must be within +-{limit:g} {unit}, not {value}"
+        self._silent_ticks = 0
+        if self.mode is Mode.WALK and self._walking.stepping:
+            self._walking.reference.command[:] = vx, vy, yaw_rate
+        return True, ""
+
+    # --------------------------------------------------------------- telemetry
+
+    @property
+    def mode(self) -> Mode:
+        """The present mode."""
+        return self._machine.mode
+
+    @property
+    def gait(self) -> str:
+        """Name of the gait that is walked or will be."""
+        return self._gait_name
+
+    @property
+    def phase(self) -> float:
+        """Phase of the gait, 0 to 1."""
+        return self._walking.clock.phase
+
+    @property
+    def settled(self) -> bool:
+        """Whether the motion of stand_up or sit has ended; True in every other mode."""
+        return self._move.done if self.mode in (Mode.STAND_UP, Mode.SIT) else True
+
+    @property
+    def position_base_in_world(self) -> Array:
+        """Estimated base position, (3,) m in the odometry frame."""
+        return self._estimator.position
+
+    @property
+    def velocity_base_in_world(self) -> Array:
+        """Estimated base velocity, (3,) m/s."""
+        return self._estimator.velocity
+
+    @property
+    def orientation_base_in_world(self) -> Array:
+        """Measured base orientation, quaternion (x, y, z, w)."""
+        return self._measurements.orientation_base_in_world
+
+    @property
+    def contact(self) -> Mask:
+        """Detected contacts, (4,) bool."""
+        return self._contacts.contact
+
+    @property
+    def foot_force_in_world(self) -> Array:
+        """Estimated ground forces on the feet, (4, 3) N."""
+        return self._contacts.foot_force
+
+    @property
+    def stance(self) -> Mask:
+        """Legs that the gait has on the ground, (4,) bool."""
+        stance: Mask = ~self._walking.clock.swinging
+        return stance
+
+    @property
+    def foot_in_base(self) -> Array:
+        """Measured foot centres, (4, 3) m in base."""
+        return self._foot_in_base
+
+    @property
+    def desired_joint_position(self) -> Array:
+        """Joint targets of the last tick, (12,) rad."""
+        return self.command.position
+
+    @property
+    def desired_position(self) -> Array:
+        """Reference body position in world, (3,) m."""
+        return self._walking.body_position
+
+    @property
+    def desired_velocity(self) -> Array:
+        """Reference body velocity in world, (3,) m/s."""
+        return self._walking.body_velocity
+
+    @property
+    def commanded_velocity(self) -> Array:
+        """Velocity command after its ramp: (vx, vy, yaw rate) in m/s and rad/s."""
+        return self._walking.reference.ramped
+
+    # -------------------------------------------------------------------- tick
+
+    def tick(self, measurements: Measurements) -> JointCommand:
+        """One period of 2 ms: estimate, judge, decide, command."""
+        self.counters.ticks += 1
+        self._refresh_parameters()
+        m = self._incoming
+        m.take(measurements)
+        if not self._finite(m):
+            self.counters.bad_measurements += 1
+            if self.mode in ACTIVE:
+                self._trip("a measurement is not finite")
+            return self._limited(self._output())
+        self._incoming, self._measurements = self._measurements, m
+        self._measured = True
+        matrix_from_quaternion(m.orientation_base_in_world, self._rotation)
+        forward_kinematics(
+            self._geometry, m.joint_position, self._foot_in_base, self._jacobian
+        )
+        self._estimate(m)
+        if self.mode in ACTIVE:
+            reason = self._safety.check(
+                m.joint_position,
+                m.joint_torque,
+                tilt_of(self._rotation),
+                m.joint_age_ticks,
+                m.imu_age,
+                m.drives_operational,
+                TICK,
+            )
+            if reason is not None:
+                self._trip(reason)
+        return self._limited(self._output())
+
+    def _estimate(self, m: Measurements) -> None:
+        clock = self._walking.clock
+        self._contacts.update(
+            m.joint_velocity,
+            m.joint_torque,
+            self._jacobian,
+            self._rotation,
+            clock.swing_progress,
+            self._thresholds,
+            TICK,
+        )
+        if self.mode not in ACTIVE:
+            self._estimator.reset(self._foot_in_base, self._rotation)
+            return
+        self._trust_feet()
+        self._estimator.update(
+            self._rotation,
+            m.angular_velocity_base_in_base,
+            m.specific_force_base,
+            self._foot_in_base,
+            self._jacobian,
+            m.joint_position,
+            m.joint_velocity,
+            self._trust,
+            self._noise,
+            TICK,
+        )
+
+    def _trust_feet(self) -> None:
+        """How much each foot tells about the base: standing by the gait and loaded by its current.
+
+        Getting up and down the body may lie on the ground, and the feet, unloaded, still stand.
+        """
+        clock, contact, trust = self._walking.clock, self._contacts.contact, self._trust
+        rising = self.mode is Mode.STAND_UP or self.mode is Mode.SIT
+        decay = TICK / TRUST_TIME
+        for leg in range(LEGS):
+            if rising or (contact[leg] and not clock.swinging[leg]):
+                trust[leg] = 1.0
+            elif clock.swinging[leg]:
+                trust[leg] = 0.0
+            else:
+                trust[leg] = max(0.0, trust[leg] - decay)
+
+    def _limited(self, command: JointCommand) -> JointCommand:
+        """Keep a command within the joints' limits: the drives refuse one that is not, whole."""
+        limit_command(
+            command.position, command.velocity, command.effort,
+            self._lower, self._upper, self._velocity_limit, self._torque_limit,
+        )
+        return command
+
+    def _output(self) -> JointCommand:
+        mode, command = self.mode, self.command
+        if mode is Mode.STAND_UP or mode is Mode.SIT:
+            self._move.tick(TICK)
+            self._weigh()
+            command.mode_of_operation = CYCLIC_POSITION
+            command.position[:] = self._move.joint_position
+            command.velocity[:] = self._move.joint_velocity
+            if mode is Mode.STAND_UP and self._move.done:
+                self._follow_event(Event.DONE, "body raised")
+        elif mode is Mode.STAND or mode is Mode.WALK:
+            self._walk()
+            command.mode_of_operation = CYCLIC_POSITION
+            command.position[:] = self._walking.joint_position
+            command.velocity[:] = self._walking.joint_velocity
+            command.effort[:] = self._walking.joint_torque
+        else:
+            # Positions follow the joints, so that the next mode starts without a jump.
+            command.position[:] = self._measurements.joint_position
+            command.velocity.fill(0.0)
+            command.effort.fill(0.0)
+            command.mode_of_operation = (
+                CYCLIC_VELOCITY if mode is Mode.DAMPING else CYCLIC_TORQUE
+            )
+        return command
+
+    def _walk(self) -> None:
+        m, walking = self._measurements, self._walking
+        if self.mode is Mode.WALK:
+            self._silent_ticks += 1
+            if walking.stepping and self._silent_ticks * TICK > self.parameters["command.timeout"]:
+                self.counters.command_timeouts += 1
+                walking.stop_stepping()
+                self.reason = "velocity command silent"
+        walking.tick(
+            self._rotation,
+            m.angular_velocity_base_in_base,
+            self._estimator.position,
+            self._estimator.velocity,
+            self._foot_in_base,
+            self._estimator.foot_in_world,
+            self._contacts.contact,
+            self._contacts.foot_force,
+            TICK,
+        )
+        self.counters.out_of_reach = walking.out_of_reach
+        if self.mode is Mode.WALK and walking.stopped:
+            self._follow_event(Event.DONE, "feet down")
+
+    def _weigh(self) -> None:
+        """Torque feed-forward of standing up and sitting down: the legs take over the weight."""
+        move, lifting = self._move, self.mode is Mode.STAND_UP
+        if lifting:
+            part = move.progress if move.last_leg_of_the_way else 0.0
+        else:
+            part = 0.0 if move.done else 1.0 - move.progress
+        weight = self._walking.mass * GRAVITY * min(1.0, 4.0 * part)
+        distribute_weight(
+            self._foot_in_base, self._center, self._share, self._rotation, weight, 0.0, 0.0, weight,
+            self._foot_force,
+        )
+        for leg in range(LEGS):
+            self.command.effort[3 * leg : 3 * leg + 3] = -(
+                self._jacobian[leg].T @ self._foot_force[leg]
+            )
+
+    # ------------------------------------------------------------- transitions
+
+    def _enter(self, row: Transition, reason: str) -> None:
+        """Prepare the mode that a transition has led to."""
+        self.reason = reason
+        mode, robot = row.target, self.robot
+        if mode is Mode.STAND_UP:
+            start = self._measurements.joint_position
+            gather = self._gather_time(start, robot.sit_joint_position)
+            if Mode.SIT in row.sources:
+                start = self._move.joint_position
+            self._safety.reset()
+            self._walking.clock.swinging.fill(False)
+            self._walking.clock.swing_progress.fill(-1.0)
+            self._move.start(
+                [start, robot.sit_joint_position, self._stand_posture()],
+                [gather, self.parameters["stand.duration"]],
+            )
+        elif mode is Mode.SIT:
+            self._move.start(
+                [self.command.position, robot.sit_joint_position],
+                [self.parameters["stand.duration"]],
+            )
+        elif mode is Mode.STAND and row.event is Event.DONE and Mode.STAND_UP in row.sources:
+            forward_kinematics(
+                self._geometry, self._move.joint_position, self._foot_force, self._jacobian
+            )
+            self._walking.begin(
+                self._rotation,
+                self._estimator.position,
+                self._foot_force,
+                self.parameters.gait(self._gait_name),
+            )
+        elif mode is Mode.WALK:
+            self._silent_ticks = 0
+            self._walking.start_stepping(
+                self.parameters.gait(self._gait_name), self._estimator.position
+            )
+
+    def _follow_event(self, event: Event, reason: str) -> None:
+        row = self._machine.raise_event(event)
+        if row is None:
+            return
+        self._enter(row, reason)
+        if row.target is Mode.STAND and self._pending_gait is not None:
+            self._gait_name, self._pending_gait = self._pending_gait, None
+            self.request_mode("walk")
+
+    def _trip(self, reason: str) -> None:
+        row = self._machine.raise_event(Event.FAULT)
+        if row is not None:
+            self.counters.faults += 1
+            self._enter(row, reason)
+
+    def _holds(self, condition: str) -> bool:
+        """Conditions of the mode machine."""
+        m = self._measurements
+        if condition == "drives_operational":
+            return m.drives_operational
+        if condition == "measurements_fresh":
+            return self._measured and self._safety.stale(m.joint_age_ticks, m.imu_age) is None
+        if condition == "upright":
+            return tilt_of(self._rotation) < self.parameters["safety.max_tilt"]
+        if condition == "stopped":
+            return self._walking.stopped
+        if condition == "at_rest":
+            speed = math.hypot(*self._estimator.velocity[:2])
+            turning = math.hypot(*m.angular_velocity_base_in_base)
+            return speed < REST_SPEED and turning < REST_RATE
+        raise KeyError(condition)
+
+    # ------------------------------------------------------------------- parts
+
+    def _gather_time(self, start: Array, end: Array) -> float:
+        """Time to go between two postures at the gathering speed, s."""
+        furthest = float(np.abs(np.asarray(end) - np.asarray(start)).max())
+        # A minimum-jerk motion peaks at 15/8 of its mean speed.
+        return max(0.2, 1.875 * furthest / self.parameters["stand.joint_speed"])
+
+    def _stand_posture(self) -> Array:
+        """Joint positions to stand up to: the robot's own posture, with the feet further out."""
+        p, side = self.parameters, np.sign(self.robot.lateral_offset)
+        feet = self._kinematics.foot_positions(self.robot.stand_joint_position)
+        feet[:, 1] += side * p["stand.lateral_spread"]
+        feet[:, 2] -= p["stand.height_offset"]
+        return self._kinematics.joint_positions(feet)
+
+    def _refresh_parameters(self) -> None:
+        """Take over live parameters that the kernels get as tuples."""
+        p = self.parameters
+        if p.revision == self._revision:
+            return
+        self._revision = p.revision
+        self._thresholds = ContactThresholds(
+            p["contact.touchdown_force"], p["contact.early_force"], p["contact.liftoff_force"]
+        )
+        self._noise = EstimatorNoise(
+            p["estimator.acceleration"],
+            p["estimator.foot_drift"],
+            p["estimator.foot_position"],
+            p["estimator.foot_velocity"],
+            p["estimator.ground_height"],
+            p["estimator.innovation_gate"],
+        )
+
+    @staticmethod
+    def _finite(m: Measurements) -> bool:
+        """Whether every number of a measurement is finite."""
+        return math.isfinite(m.imu_age) and all_finite(
+            m.joint_position,
+            m.joint_velocity,
+            m.joint_torque,
+            m.orientation_base_in_world,
+            m.angular_velocity_base_in_base,
+            m.specific_force_base,
+        )
+
+    def _warm_up(self) -> None:
+        """Rehearse standing, walking and sitting with a second controller: numba compiles now."""
+        parameters = Parameters({"stand.duration": 0.5, "stand.joint_speed": 5.0})
+        rehearsal = Controller(self.robot, parameters, warm_up=False)
+        m = Measurements(drives_operational=True)
+        m.joint_position[:] = self.robot.sit_joint_position
+        for mode, ticks in (("stand_up", 1000), ("walk", 200), ("stand", 500), ("sit", 20)):
+            rehearsal.tick(m)
+            accepted, message = rehearsal.request_mode(mode)
+            if not accepted:
+                raise RuntimeError(f"the rehearsal of {mode} has failed: {message}")
+            for _ in range(ticks):
+                # Feet press on the ground with what the controller asks of them.
+                m.joint_torque[:] = rehearsal.tick(m).effort
+                m.joint_position[:] = rehearsal.command.position

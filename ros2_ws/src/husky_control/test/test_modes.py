@@ -1,0 +1,155 @@
+"""The mode machine: only rows of its table, every refusal with a reason."""
+
+import itertools
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from husky_control.modes import (
+    ACTIVE,
+    CONDITIONS,
+    DESCRIPTIONS,
+    REQUESTS,
+    TRANSITIONS,
+    Event,
+    Mode,
+    ModeMachine,
+)
+
+WORDS = [*REQUESTS, "fly", "", "STAND"]
+STEP = st.tuples(
+    st.one_of(st.sampled_from(WORDS), st.sampled_from([Event.DONE, Event.FAULT])),
+    st.frozensets(st.sampled_from(sorted(CONDITIONS))),
+)
+
+
+def in_mode(mode, holds=lambda condition: True):
+    machine = ModeMachine(holds)
+    machine.mode = mode
+    return machine
+
+
+# ------------------------------------------------------------------ the table
+
+
+def test_every_mode_and_condition_is_described():
+    assert set(DESCRIPTIONS) == set(Mode)
+    used = {condition for row in TRANSITIONS for condition in row.conditions}
+    assert used == set(CONDITIONS)
+
+
+def test_rows_are_well_formed():
+    for row in TRANSITIONS:
+        assert row.sources and row.target not in row.sources
+        assert bool(row.requests) == (row.event is Event.REQUEST)
+        assert row.label or row.event is Event.REQUEST
+        assert set(row.requests) <= set(REQUESTS)
+
+
+def test_a_mode_answers_an_event_or_a_request_in_one_way():
+    for a, b in itertools.combinations(TRANSITIONS, 2):
+        if a.event is b.event and a.sources & b.sources:
+            assert a.event is Event.REQUEST and not set(a.requests) & set(b.requests)
+
+
+def test_every_mode_can_be_reached_and_left():
+    reached, frontier = {Mode.PASSIVE}, [Mode.PASSIVE]
+    while frontier:
+        mode = frontier.pop()
+        for row in TRANSITIONS:
+            if mode in row.sources and row.target not in reached:
+                reached.add(row.target)
+                frontier.append(row.target)
+    assert reached == set(Mode)
+    assert all(any(mode in row.sources for row in TRANSITIONS) for mode in Mode)
+
+
+@pytest.mark.parametrize("mode", [Mode.DAMPING, Mode.EMERGENCY_STOP])
+def test_a_stopped_robot_moves_again_only_by_way_of_passive(mode):
+    targets = {row.target for row in TRANSITIONS if mode in row.sources}
+    assert targets - {Mode.EMERGENCY_STOP} == {Mode.PASSIVE}
+
+
+def test_legs_carry_the_body_only_after_standing_up():
+    sources = {mode for row in TRANSITIONS if row.target is Mode.STAND for mode in row.sources}
+    assert sources == {Mode.STAND_UP, Mode.WALK}
+    assert {mode for row in TRANSITIONS if row.target is Mode.WALK for mode in row.sources} == {
+        Mode.STAND
+    }
+
+
+def test_every_active_mode_can_be_stopped():
+    for mode in ACTIVE:
+        for request, target in (("damping", Mode.DAMPING), ("emergency_stop", Mode.EMERGENCY_STOP)):
+            machine = in_mode(mode, lambda condition: False)  # no condition may stand in the way
+            row, _ = machine.request(request)
+            assert row is not None and machine.mode is target
+        machine = in_mode(mode, lambda condition: False)
+        assert machine.raise_event(Event.FAULT) is not None and machine.mode is Mode.DAMPING
+
+
+# ----------------------------------------------------------------- the machine
+
+
+@given(st.lists(STEP, max_size=40))
+def test_whatever_happens_only_rows_of_the_table_are_taken(steps):
+    now = frozenset()
+    machine = ModeMachine(lambda condition: condition in now)
+    assert machine.mode is Mode.PASSIVE
+    for what, now in steps:
+        before = machine.mode
+        if isinstance(what, Event):
+            row, message = machine.raise_event(what), ""
+        else:
+            row, message = machine.request(what)
+            assert message, "every answer has words"
+        if row is None:
+            assert machine.mode is before
+            continue
+        assert row in TRANSITIONS
+        assert before in row.sources and machine.mode is row.target
+        assert set(row.conditions) <= now
+        assert row.event is what if isinstance(what, Event) else what in row.requests
+        if before is Mode.EMERGENCY_STOP:
+            assert machine.mode is Mode.PASSIVE and what == "passive"
+
+
+@pytest.mark.parametrize("mode", Mode)
+@pytest.mark.parametrize("request_", WORDS)
+def test_requests_are_taken_or_refused_with_their_reason(mode, request_):
+    machine = in_mode(mode)
+    allowed = machine.allowed_requests()
+    row, message = machine.request(request_)
+    if request_ in allowed:
+        assert row is not None and message == row.target.value == machine.mode.value
+        return
+    assert row is None and machine.mode is mode
+    if request_ not in REQUESTS:
+        assert message.startswith(f"there is no mode '{request_}'; there are passive")
+    elif request_ == mode.value:
+        assert message == f"already in {mode.value}"
+    else:
+        assert message.startswith(f"{request_} cannot follow {mode.value}; it allows ")
+        assert all(name in message for name in allowed)
+
+
+@pytest.mark.parametrize("missing", sorted(CONDITIONS))
+def test_a_condition_that_does_not_hold_is_named_in_the_refusal(missing):
+    needing = [row for row in TRANSITIONS if missing in row.conditions]
+    for row in needing:
+        for mode in row.sources:
+            machine = in_mode(mode, lambda condition: condition != missing)
+            if row.event is Event.REQUEST:
+                for name in row.requests:
+                    assert machine.request(name) == (None, f"{name} refused: {CONDITIONS[missing]}")
+            else:
+                assert machine.raise_event(row.event) is None
+            assert machine.mode is mode
+
+
+@pytest.mark.parametrize("mode", sorted(set(Mode) - ACTIVE, key=lambda mode: mode.value))
+def test_faults_trip_active_modes_only(mode):
+    machine = in_mode(mode)
+    assert machine.raise_event(Event.FAULT) is None
+    assert machine.mode is mode

@@ -1,0 +1,130 @@
+"""The names of the ROS graph: every topic, service and node name is written here, once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+TICK_PERIOD = 0.002
+"""Period of the control tick and of the EtherCAT cycle [s] (thesis T7: 500 Hz)."""
+TICK_PERIOD_NS = 2_000_000
+"""The same in nanoseconds, the unit of stamps."""
+
+# Topics
+SERVO_STATE = "/plant/servo_state"
+SERVO_COMMAND = "/plant/servo_command"
+JOINT_STATES = "/joint_states"
+JOINT_COMMAND = "/joint_command"
+DRIVES_STATUS = "/drives/status"
+IMU = "/imu/data"
+CMD_VEL = "/cmd_vel"
+JOY = "/joy"
+CONTROLLER_STATE = "/controller/state"
+ODOMETRY = "/odometry"
+GROUND_TRUTH = "/plant/ground_truth"
+FOOT_CONTACTS = "/plant/foot_contacts"
+ESTIMATE_ERROR = "/plant/estimate_error"
+ROBOT_DESCRIPTION = "/robot_description"
+CLOCK = "/clock"
+DIAGNOSTICS = "/diagnostics"
+
+# Services
+DRIVES_ENABLE = "/drives/enable"
+DRIVES_DISABLE = "/drives/disable"
+DRIVES_RESET_FAULTS = "/drives/reset_faults"
+DRIVES_EMERGENCY_STOP = "/drives/emergency_stop"
+DRIVES_INJECT_FAULT = "/drives/inject_fault"
+SET_MODE = "/controller/set_mode"
+SET_GAIT = "/controller/set_gait"
+PLANT_RESET = "/plant/reset"
+PLANT_PAUSE = "/plant/pause"
+PLANT_STEP = "/plant/step"
+PLANT_APPLY_WRENCH = "/plant/apply_wrench"
+PLANT_INJECT_FAULT = "/plant/inject_fault"
+
+# Nodes
+PLANT = "plant"
+DRIVE_BRIDGE = "drive_bridge"
+VN200_DRIVER = "vn200_driver"
+LOW_LEVEL_CONTROLLER = "low_level_controller"
+RECORDER = "recorder"
+TELEOP = "teleop"
+
+# Frames (REP-105)
+FRAME_WORLD = "world"
+FRAME_ODOM = "odom"
+FRAME_BASE = "base"
+FRAME_IMU = "imu_link"
+
+
+@dataclass(frozen=True)
+class Topic:
+    """One topic of the graph.
+
+    Attributes:
+        name: full topic name.
+        type: message type as the `ros2` command writes it.
+        publishers: names of the nodes that publish it.
+        qos: name of the profile in `husky_description.nodes.qos`.
+        rate: nominal rate in simulated time [Hz], 0 when it is sent on demand.
+    """
+
+    name: str
+    type: str
+    publishers: tuple[str, ...]
+    qos: str
+    rate: float
+
+
+TOPICS = (
+    Topic(SERVO_STATE, "husky_msgs/msg/ServoState", (PLANT,), "CONTROL", 500.0),
+    Topic(SERVO_COMMAND, "husky_msgs/msg/ServoCommand", (DRIVE_BRIDGE,), "CONTROL", 500.0),
+    Topic(JOINT_STATES, "sensor_msgs/msg/JointState", (DRIVE_BRIDGE,), "CONTROL", 500.0),
+    Topic(JOINT_COMMAND, "husky_msgs/msg/JointCommand", (LOW_LEVEL_CONTROLLER,), "CONTROL", 500.0),
+    Topic(DRIVES_STATUS, "husky_msgs/msg/DriveStatusArray", (DRIVE_BRIDGE,), "STATUS", 10.0),
+    Topic(IMU, "sensor_msgs/msg/Imu", (VN200_DRIVER,), "CONTROL", 800.0),
+    Topic(CMD_VEL, "geometry_msgs/msg/Twist", (TELEOP,), "COMMAND", 0.0),
+    Topic(JOY, "sensor_msgs/msg/Joy", (), "COMMAND", 0.0),
+    Topic(
+        CONTROLLER_STATE,
+        "husky_msgs/msg/ControllerState",
+        (LOW_LEVEL_CONTROLLER,),
+        "STATUS",
+        50.0,
+    ),
+    Topic(ODOMETRY, "nav_msgs/msg/Odometry", (LOW_LEVEL_CONTROLLER,), "STATUS", 50.0),
+    Topic(GROUND_TRUTH, "nav_msgs/msg/Odometry", (PLANT,), "STATUS", 100.0),
+    Topic(FOOT_CONTACTS, "husky_msgs/msg/FootContacts", (PLANT,), "STATUS", 100.0),
+    Topic(ESTIMATE_ERROR, "husky_msgs/msg/EstimateError", (PLANT,), "STATUS", 50.0),
+    Topic(ROBOT_DESCRIPTION, "std_msgs/msg/String", (DRIVE_BRIDGE,), "LATCHED", 0.0),
+    Topic(CLOCK, "rosgraph_msgs/msg/Clock", (PLANT,), "CLOCK", 100.0),
+    Topic(
+        DIAGNOSTICS,
+        "diagnostic_msgs/msg/DiagnosticArray",
+        (PLANT, DRIVE_BRIDGE, VN200_DRIVER, LOW_LEVEL_CONTROLLER),
+        "STATUS",
+        1.0,
+    ),
+)
+"""Every topic of the walking graph."""
+
+
+def topic(name: str) -> Topic:
+    """Return the table row of a topic.
+
+    Raises:
+        KeyError: when the graph has no such topic.
+    """
+    for row in TOPICS:
+        if row.name == name:
+            return row
+    raise KeyError(f"no topic {name!r} in the graph; there are {[row.name for row in TOPICS]}")
+
+
+def serial_port(device: str, domain_id: int) -> str:
+    """Return the path where a simulated serial device appears, one per ROS domain.
+
+    Args:
+        device: e.g. "vn200".
+        domain_id: ROS_DOMAIN_ID, so that two graphs on one machine stay apart.
+    """
+    return f"/tmp/husky-{domain_id}/{device}"

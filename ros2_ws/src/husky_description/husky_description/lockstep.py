@@ -1,0 +1,105 @@
+"""Lockstep: who has answered for a tick, who is awaited, who is lost.
+
+The protocol. The plant publishes the state of tick k and steps only when every *expected* peer has
+answered with the stamp of k. The same rule holds one step further down: the drive bridge sends
+frame k only when the controller's command of tick k - 1 is in it, and the controller computes tick
+k only when the newest IMU sample due by k has arrived. Nobody waits for a time, so the trajectory
+does not depend on how fast anything ran.
+
+A peer that stays silent for the grace period (wall time) is declared lost: ticks go on without it,
+so that watchdogs act. It is expected again as soon as it answers. Determinism ends at a loss, and
+`losses` says so. At the start a peer gets a longer grace, because processes come up in any order;
+one whose first words cannot be repeated (the IMU's samples) is awaited only once it has been heard.
+
+Messages are best effort. The plant says its last word again when it has waited for a moment, and
+the bridge hands that on. Whoever hears a word twice says its own last word again: the answer, if
+that was lost, or the one before as a sign of life, if it waits for somebody itself. So along the
+chain only the one that is really silent is declared lost.
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+
+
+class Presence(Enum):
+    """What is known of a peer."""
+
+    ABSENT = "absent"
+    """Not heard yet, and not waited for."""
+    EXPECTED = "expected"
+    """Takes part: its answer is awaited."""
+    LOST = "lost"
+    """Took part and fell silent for longer than the grace period."""
+
+
+class Peer:
+    """One peer whose answer a tick waits for.
+
+    Attributes:
+        name: for reports.
+        presence: see `Presence`.
+        answered: stamp of its last answer [ns], -1 before the first.
+        losses: how often it has been declared lost.
+    """
+
+    def __init__(self, name: str, grace: float = 1.0, start_grace: float | None = 30.0):
+        """Start as expected, or as absent.
+
+        Args:
+            name: for reports.
+            grace: wall time that it may take to answer [s].
+            start_grace: the same for its first answer [s]; None for not waiting before that.
+
+        Raises:
+            ValueError: a grace period that is not above 0.
+        """
+        for period in (grace, start_grace if start_grace is not None else grace):
+            if not period > 0.0:
+                raise ValueError(f"grace of peer {name!r} is {period!r} s, it must be above 0")
+        self.name = name
+        self.grace = grace
+        self.presence = Presence.ABSENT if start_grace is None else Presence.EXPECTED
+        self.answered = -1
+        self.losses = 0
+        self._patience = grace if start_grace is None else max(grace, start_grace)
+        self._waiting_since: float | None = None
+
+    def answer(self, stamp: int) -> None:
+        """The peer has answered for the tick with this stamp [ns]; a lost one is back.
+
+        It may be an earlier tick than the one that is awaited: the peer is alive, and catches up.
+        """
+        self.answered = max(self.answered, stamp)
+        self.presence = Presence.EXPECTED
+        self._patience = self.grace
+        self._waiting_since = None
+
+    def ready(self, stamp: int) -> bool:
+        """Return whether a tick that needs the answer for `stamp` [ns] or later may go on."""
+        return self.presence is not Presence.EXPECTED or self.answered >= stamp
+
+    def expire(self, now: float) -> bool:
+        """Its answer is awaited now; return whether it has just been declared lost.
+
+        The grace period runs from the first call after its last answer.
+
+        Args:
+            now: monotonic wall time [s].
+        """
+        if self._waiting_since is None:
+            self._waiting_since = now
+        if self.presence is Presence.EXPECTED and now - self._waiting_since > self._patience:
+            self.presence = Presence.LOST
+            self.losses += 1
+            return True
+        return False
+
+    def restart(self, answered: int = -1) -> None:
+        """Time starts again at zero: old answers no longer count.
+
+        Args:
+            answered: stamp of an answer that is already of the new time [ns], -1 for none.
+        """
+        self.answered = answered
+        self._waiting_since = None

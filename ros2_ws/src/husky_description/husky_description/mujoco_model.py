@@ -1,0 +1,242 @@
+"""The robot as a MuJoCo model specification, laid out like a MuJoCo Menagerie model.
+
+`python -m husky_description.mujoco_model > carbon.xml` writes it as MJCF.
+"""
+
+import math
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike
+
+from husky_description.look import base_look, hip_look
+from husky_description.mujoco_look import (
+    VISUAL_GROUP,
+    add_look,
+    add_materials,
+    add_parallelograms,
+)
+from husky_description.parameters import Array
+from husky_description.robot import Robot, load_robot
+
+TIMESTEP = 0.0005  # s
+
+COLLISION_GROUP = 3
+SITE_GROUP = 4
+
+_JOINT_AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 1.0, 0.0))
+
+
+def build_spec(robot: Robot) -> mujoco.MjSpec:
+    """Make the robot alone, on a free joint in an empty world, to be extended by a scene.
+
+    Bodies: `base`, `<leg>_hip`, `<leg>_thigh`, `<leg>_shin`, and `payload` welded to the base.
+    Joints: `floating_base`, then the twelve of `robot.joint_names`, in that order, so that
+    qpos[7:] and qvel[6:] are the joints. Actuators: one `motor` per joint, named and ordered as
+    the joints, of gear 1, so that ctrl (12,) is the joint torque [N m], clipped only where the
+    gear would ratchet. Sites: `imu`, `t265`, `perch`, `<leg>_foot` (centre of the sphere) and
+    `<leg>_fan` (z along the thrust). Keyframes: `sit` and `stand`.
+
+    Geoms that are seen are in group 2 and without mass or contact, geoms that collide in group 3;
+    the links of the legs are seen as skins, see `mujoco_look`.
+    Inertias are given, never computed from geoms. Contact parameters stand in the main default
+    class, so that a floor added to this specification inherits them; a geom with other friction
+    needs `priority=1`, because MuJoCo takes the larger friction of a pair otherwise.
+
+    Options and their reasons: step 0.5 ms (a joint PD of 300 N m/rad is far from its stability
+    limit and contacts of 5 ms are resolved by ten steps); Euler, because without joint damping
+    implicitfast has nothing to gain and costs 5 % more; elliptic cone and impratio 100, because
+    the defaults creep 25-45 mm/s on a slope of 20-25 deg and these 0.1 mm/s; Newton, which needs
+    one iteration when standing; no constraint islands, of which a single robot is one.
+    """
+    spec = mujoco.MjSpec()
+    spec.modelname = robot.name
+    spec.compiler.degree = False
+    spec.compiler.autolimits = True
+    _set_options(spec)
+    _add_defaults(spec, robot)
+    add_materials(spec)
+    base = _add_base(spec, robot)
+    for leg in range(4):
+        _add_leg(spec, base, robot, leg)
+    add_parallelograms(spec, robot)
+    for leg in range(4):
+        for joint in range(3):
+            _add_motor(spec, robot, 3 * leg + joint)
+    _add_keyframe(spec, robot, "sit", robot.sit_height, robot.sit_joint_position)
+    _add_keyframe(spec, robot, "stand", robot.stand_height, robot.stand_joint_position)
+    return spec
+
+
+def _set_options(spec: mujoco.MjSpec) -> None:
+    option = spec.option
+    option.timestep = TIMESTEP
+    option.integrator = mujoco.mjtIntegrator.mjINT_EULER
+    option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    option.impratio = 100.0
+    option.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND
+
+
+def _add_defaults(spec: mujoco.MjSpec, robot: Robot) -> None:
+    contact = robot.contact
+    main = spec.default
+    main.geom.friction = [contact.friction, contact.friction_torsional, contact.friction_rolling]
+    main.geom.solref = [contact.time_constant, contact.damping_ratio]
+    main.geom.condim = 3
+
+    carbon = spec.add_default(robot.name, main)
+    carbon.joint.armature = robot.motor.armature
+    carbon.actuator.gear[0] = 1.0
+    carbon.actuator.ctrllimited = mujoco.mjtLimited.mjLIMITED_TRUE
+    carbon.actuator.ctrlrange = [-robot.gear.ratcheting_torque, robot.gear.ratcheting_torque]
+
+    carbon.site.group = SITE_GROUP
+    carbon.site.size = [0.008, 0.008, 0.008]
+
+    visual = spec.add_default("visual", carbon)
+    visual.geom.group = VISUAL_GROUP
+    visual.geom.contype = 0
+    visual.geom.conaffinity = 0
+    visual.geom.mass = 0.0
+
+    collision = spec.add_default("collision", carbon)
+    collision.geom.group = COLLISION_GROUP
+    collision.geom.mass = 0.0
+    collision.geom.rgba = [0.9, 0.4, 0.1, 0.4]
+
+    for row, joint in enumerate(robot.leg_joints):
+        spec.add_default(joint, carbon).joint.axis = _JOINT_AXES[row]
+
+
+def _add_base(spec: mujoco.MjSpec, robot: Robot) -> mujoco.MjsBody:
+    base = spec.worldbody.add_body(name="base", pos=[0, 0, robot.stand_height + robot.foot_radius])
+    base.childclass = robot.name
+    _set_inertia(base, robot.base_mass, robot.body.center_of_mass, robot.base_inertia)
+    base.add_freejoint(name="floating_base")
+    if robot.payload_mass > 0.0:
+        payload = base.add_body(name="payload", pos=robot.payload.position)
+        _set_inertia(payload, robot.payload_mass, np.zeros(3), robot.payload_inertia)
+
+    for name, box in (("torso", robot.torso), ("rack", robot.rack), ("perch", robot.perch)):
+        _add_collision(
+            spec, base, name, mujoco.mjtGeom.mjGEOM_BOX, size=box.size / 2, pos=box.position
+        )
+    carbon = spec.find_default(robot.name)
+    base.add_site(carbon, name="imu", pos=robot.imu.position, quat=_quaternion(robot.imu.rpy))
+    base.add_site(carbon, name="t265", pos=robot.t265.position, quat=_quaternion(robot.t265.rpy))
+    bottom = robot.perch.position - [0, 0, robot.perch.size[2] / 2]
+    base.add_site(carbon, name="perch", pos=bottom)
+    for leg, position in zip(robot.legs, robot.fan_position, strict=True):
+        base.add_site(carbon, name=f"{leg}_fan", pos=position)
+    add_look(spec, base, "base", base_look(robot))
+    return base
+
+
+def _add_leg(spec: mujoco.MjSpec, base: mujoco.MjsBody, robot: Robot, leg: int) -> None:
+    name = robot.legs[leg]
+    offset = [0.0, robot.lateral_offset[leg], 0.0]
+    down = np.array([0.0, 0.0, -1.0])
+
+    hip = base.add_body(name=f"{name}_hip", pos=robot.hip_position[leg])
+    _set_inertia(hip, robot.hip_mass, offset, robot.hip_inertia)
+    thigh = hip.add_body(name=f"{name}_thigh", pos=offset)
+    _set_inertia(thigh, robot.thigh_mass, down * robot.thigh_length / 2, robot.thigh_inertia)
+    shin = thigh.add_body(name=f"{name}_shin", pos=down * robot.thigh_length)
+    _set_inertia(shin, robot.shin_mass, down * robot.shin_length / 2, robot.shin_inertia)
+
+    for row, body in enumerate((hip, thigh, shin)):
+        joint = 3 * leg + row
+        body.add_joint(
+            spec.find_default(robot.leg_joints[row]),
+            name=robot.joint_names[joint],
+            range=[robot.joint_lower[joint], robot.joint_upper[joint]],
+        )
+
+    radius = robot.leg.tube_outer_radius
+    _add_collision(
+        spec,
+        hip,
+        f"{name}_hip",
+        mujoco.mjtGeom.mjGEOM_CYLINDER,
+        size=[robot.leg.hip_radius, robot.leg.hip_length / 2, 0],
+        pos=offset,
+        quat=_quaternion([math.pi / 2, 0, 0]),
+    )
+    # The tubes end short of the hip housing and of the foot: the sphere alone touches the ground.
+    _add_capsule(spec, thigh, f"{name}_thigh", robot.leg.hip_radius, robot.thigh_length, radius)
+    _add_capsule(spec, shin, f"{name}_shin", 0.0, robot.shin_length - 2 * robot.foot_radius, radius)
+    foot = down * robot.shin_length
+    sphere = mujoco.mjtGeom.mjGEOM_SPHERE
+    _add_collision(spec, shin, f"{name}_foot", sphere, size=[robot.foot_radius, 0, 0], pos=foot)
+    shin.add_site(spec.find_default(robot.name), name=f"{name}_foot", pos=foot)
+    hand = "left" if robot.side[leg] > 0 else "right"
+    add_look(spec, hip, f"hip_{hand}", hip_look(robot, leg))
+
+
+def _add_motor(spec: mujoco.MjSpec, robot: Robot, joint: int) -> None:
+    motor = spec.add_actuator(spec.find_default(robot.name), name=robot.joint_names[joint])
+    motor.set_to_motor()
+    motor.trntype = mujoco.mjtTrn.mjTRN_JOINT
+    motor.target = robot.joint_names[joint]
+
+
+def _add_keyframe(
+    spec: mujoco.MjSpec, robot: Robot, name: str, height: float, joints: Array
+) -> None:
+    base = [0.0, 0.0, height + robot.foot_radius, 1.0, 0.0, 0.0, 0.0]
+    spec.add_key(name=name, qpos=np.concatenate((base, joints)), ctrl=np.zeros(joints.size))
+
+
+def _add_collision(
+    spec: mujoco.MjSpec,
+    body: mujoco.MjsBody,
+    name: str,
+    kind: mujoco.mjtGeom,
+    size: ArrayLike,
+    pos: ArrayLike,
+    quat: ArrayLike = (1.0, 0.0, 0.0, 0.0),
+) -> None:
+    body.add_geom(
+        spec.find_default("collision"), name=name, type=kind, size=size, pos=pos, quat=quat
+    )
+
+
+def _add_capsule(
+    spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, top: float, bottom: float, radius: float
+) -> None:
+    """Capsule along the link, between `top` and `bottom` [m] below the link's origin."""
+    body.add_geom(
+        spec.find_default("collision"),
+        name=name,
+        type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+        fromto=[0, 0, -top, 0, 0, -bottom],
+        size=[radius, 0, 0],
+    )
+
+
+def _set_inertia(
+    body: mujoco.MjsBody, mass: float, center: ArrayLike, principal_inertia: Array
+) -> None:
+    body.explicitinertial = True
+    body.mass = mass
+    body.ipos = center
+    body.inertia = principal_inertia
+
+
+def _quaternion(rpy: ArrayLike) -> Array:
+    """MuJoCo's (w, x, y, z) of fixed-axis roll, pitch, yaw [rad] (3,), as in URDF."""
+    roll, pitch, yaw = np.asarray(rpy, dtype=float) / 2
+    c_roll, c_pitch, c_yaw = math.cos(roll), math.cos(pitch), math.cos(yaw)
+    s_roll, s_pitch, s_yaw = math.sin(roll), math.sin(pitch), math.sin(yaw)
+    return np.array(
+        [
+            c_roll * c_pitch * c_yaw + s_roll * s_pitch * s_yaw,
+            s_roll * c_pitch * c_yaw - c_roll * s_pitch * s_yaw,
+            c_roll * s_pitch * c_yaw + s_roll * c_pitch * s_yaw,
+            c_roll * c_pitch * s_yaw - s_roll * s_pitch * c_yaw,
+        ]
+    )
+
+
+if __name__ == "__main__":
+    print(build_spec(load_robot()).to_xml(), end="")

@@ -1,0 +1,1 @@
+"""What every node shares: executor, quality of service, parameters, diagnostics, start and end."""

@@ -1,0 +1,176 @@
+"""Sections of carbon.yaml as frozen dataclasses, each number with its allowed range.
+
+SI units and radians; sources of the values stand in carbon.yaml.
+"""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from husky_description.parameters import Array, count, number, vector
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """Torso: mass [kg], principal inertia [kg m^2] (3,), centre of mass in base [m] (3,)."""
+
+    mass: Annotated[float, number(0.1, 50.0)]
+    inertia: Annotated[Array, vector(3, 1e-5, 5.0)]
+    center_of_mass: Annotated[Array, vector(3, -0.2, 0.2)]
+
+
+@dataclass(frozen=True, eq=False)
+class Box:
+    """Box in base: position of its centre [m] (3,), edge lengths along x, y, z [m] (3,)."""
+
+    position: Annotated[Array, vector(3, -0.5, 0.5)]
+    size: Annotated[Array, vector(3, 0.001, 1.0)]
+
+
+@dataclass(frozen=True, eq=False)
+class Leg:
+    """One leg, all four alike: lengths and radii [m], masses [kg]."""
+
+    hip_x: Annotated[float, number(0.05, 1.0)]
+    hip_y: Annotated[float, number(0.0, 0.5)]
+    lateral_offset: Annotated[float, number(0.0, 0.3)]
+    thigh_link: Annotated[float, number(0.01, 1.0)]
+    ankle_link: Annotated[float, number(0.0, 1.0)]
+    calf_link: Annotated[float, number(0.01, 1.0)]
+    rod_offset: Annotated[float, number(0.0, 0.3)]
+    foot_radius: Annotated[float, number(0.002, 0.1)]
+    hip_mass: Annotated[float, number(1e-3, 10.0)]
+    thigh_mass: Annotated[float, number(1e-3, 10.0)]
+    shin_mass: Annotated[float, number(1e-3, 10.0)]
+    hip_radius: Annotated[float, number(0.002, 0.2)]
+    hip_length: Annotated[float, number(0.002, 0.4)]
+    tube_outer_radius: Annotated[float, number(0.001, 0.1)]
+    tube_inner_radius: Annotated[float, number(0.0, 0.1)]
+
+
+@dataclass(frozen=True, eq=False)
+class Joints:
+    """Ranges [rad] of one leg's joints and the velocity limit of all [rad/s]."""
+
+    hip_frontal_outward: Annotated[float, number(0.0, 3.14159)]
+    hip_frontal_inward: Annotated[float, number(0.0, 3.14159)]
+    hip_sagittal: Annotated[Array, vector(2, -3.14159, 3.14159)]
+    knee: Annotated[Array, vector(2, -3.14159, 3.14159)]
+    velocity_limit: Annotated[float, number(0.1, 200.0)]
+
+
+@dataclass(frozen=True, eq=False)
+class Contact:
+    """Contact of the robot with anything: friction coefficients [-, m, m], MuJoCo's solref."""
+
+    friction: Annotated[float, number(0.0, 3.0)]
+    friction_torsional: Annotated[float, number(0.0, 0.1)]
+    friction_rolling: Annotated[float, number(0.0, 0.1)]
+    time_constant: Annotated[float, number(0.001, 0.1)]
+    damping_ratio: Annotated[float, number(0.1, 10.0)]
+
+
+@dataclass(frozen=True, eq=False)
+class Posture:
+    """Named postures: base above the foot centres when standing, perch above ground sitting [m]."""
+
+    stand_height: Annotated[float, number(0.05, 2.0)]
+    perch_clearance: Annotated[float, number(-0.01, 0.1)]
+
+
+@dataclass(frozen=True, eq=False)
+class Servo:
+    """Position law of a drive, joint side: kp [N m/rad], kd [N m s/rad], torque_limit [N m]."""
+
+    kp: Annotated[float, number(0.0, 5000.0)]
+    kd: Annotated[float, number(0.0, 200.0)]
+    torque_limit: Annotated[float, number(0.1, 100.0)]
+
+
+@dataclass(frozen=True, eq=False)
+class Motor:
+    """Motor: [rad/s/V], [N m/A of phase amplitude], [ohm], [H], [-], [kg m^2 at the joint]."""
+
+    speed_constant: Annotated[float, number(1.0, 1000.0)]
+    torque_constant: Annotated[float, number(1e-4, 1.0)]
+    phase_resistance: Annotated[float, number(1e-3, 10.0)]
+    phase_inductance: Annotated[float, number(1e-7, 1e-2)]
+    pole_pairs: Annotated[int, count(1, 50)]
+    armature: Annotated[float, number(0.0, 1.0)]
+
+
+@dataclass(frozen=True, eq=False)
+class Gear:
+    """Gear: ratio [-], efficiency [-], torque ratings at the joint [N m], input speed [rad/s]."""
+
+    ratio: Annotated[float, number(1.0, 200.0)]
+    efficiency: Annotated[float, number(0.05, 1.0)]
+    rated_torque: Annotated[float, number(0.01, 100.0)]
+    repeated_peak_torque: Annotated[float, number(0.01, 200.0)]
+    momentary_peak_torque: Annotated[float, number(0.01, 400.0)]
+    ratcheting_torque: Annotated[float, number(0.01, 1000.0)]
+    input_speed_limit: Annotated[float, number(1.0, 5000.0)]
+
+
+@dataclass(frozen=True, eq=False)
+class Encoder:
+    """Magnetic encoder on the motor shaft: bits [-], accuracy [rad at the motor]."""
+
+    bits: Annotated[int, count(4, 24)]
+    accuracy: Annotated[float, number(0.0, 0.1)]
+
+    @property
+    def counts_per_motor_turn(self) -> int:
+        """Counts per turn of the motor shaft."""
+        return 1 << self.bits
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """Drive: [V], currents [A], times [s], following error [rad at the joint]."""
+
+    bus_voltage: Annotated[float, number(1.0, 100.0)]
+    continuous_current: Annotated[float, number(0.1, 100.0)]
+    peak_current: Annotated[float, number(0.1, 200.0)]
+    peak_duration: Annotated[float, number(0.0, 60.0)]
+    cycle: Annotated[float, number(1e-5, 1e-2)]
+    watchdog: Annotated[float, number(1e-3, 10.0)]
+    following_error_window: Annotated[float, number(1e-3, 6.3)]
+    following_error_time: Annotated[float, number(0.0, 10.0)]
+
+
+@dataclass(frozen=True, eq=False)
+class Imu:
+    """IMU: pose in base [m, rad], rate [Hz], noise densities, biases and ranges (SI)."""
+
+    position: Annotated[Array, vector(3, -0.5, 0.5)]
+    rpy: Annotated[Array, vector(3, -3.15, 3.15)]
+    rate: Annotated[float, number(1.0, 10000.0)]
+    gyro_noise_density: Annotated[float, number(0.0, 0.1)]
+    accel_noise_density: Annotated[float, number(0.0, 1.0)]
+    gyro_bias: Annotated[float, number(0.0, 1.0)]
+    accel_bias: Annotated[float, number(0.0, 5.0)]
+    accel_bias_walk: Annotated[float, number(0.0, 1.0)]
+    gyro_range: Annotated[float, number(0.1, 1000.0)]
+    accel_range: Annotated[float, number(10.0, 10000.0)]
+
+
+@dataclass(frozen=True, eq=False)
+class T265:
+    """Tracking camera: pose in base [m, rad], size of its case [m], rate [Hz]."""
+
+    position: Annotated[Array, vector(3, -0.5, 0.5)]
+    rpy: Annotated[Array, vector(3, -3.15, 3.15)]
+    size: Annotated[Array, vector(3, 0.001, 0.5)]
+    rate: Annotated[float, number(1.0, 1000.0)]
+
+
+@dataclass(frozen=True, eq=False)
+class Fans:
+    """Four ducted fans at (+-x, +-y, z) in base, thrust along base z; lengths [m]."""
+
+    x: Annotated[float, number(0.0, 1.0)]
+    y: Annotated[float, number(0.0, 1.0)]
+    z: Annotated[float, number(-0.5, 0.5)]
+    inner_radius: Annotated[float, number(0.005, 0.3)]
+    outer_radius: Annotated[float, number(0.005, 0.3)]
+    height: Annotated[float, number(0.005, 0.5)]

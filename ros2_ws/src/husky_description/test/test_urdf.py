@@ -1,0 +1,185 @@
+"""The URDF against the MuJoCo model, with Pinocchio as the second library."""
+
+import subprocess
+import sys
+from xml.etree import ElementTree
+
+import mujoco
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from husky_description.mujoco_model import build_spec
+from husky_description.robot import load_robot
+from husky_description.urdf import build_urdf
+
+pin = pytest.importorskip("pinocchio")
+
+ROBOT = load_robot()
+URDF = build_urdf(ROBOT)
+TOLERANCE = 1e-6
+
+
+class Pair:
+    """The same robot in both libraries, and the map between their velocities.
+
+    MuJoCo's free joint has its linear velocity in the world and its angular velocity in the base;
+    Pinocchio's free flyer has both in the base: v_pinocchio = T v_mujoco.
+    """
+
+    def __init__(self, robot, urdf):
+        self.model = build_spec(robot).compile()
+        self.data = mujoco.MjData(self.model)
+        self.pin_model = pin.buildModelFromXML(urdf, pin.JointModelFreeFlyer())
+        self.pin_data = self.pin_model.createData()
+        ids = [self.pin_model.getJointId(name) for name in robot.joint_names]
+        self.q_index = [self.pin_model.joints[i].idx_q for i in ids]
+        self.v_index = [self.pin_model.joints[i].idx_v for i in ids]
+        self.pin_model.armature[self.v_index] = robot.armature
+
+    def set(self, position, rotation, joints, velocity=None):
+        x, y, z, w = rotation.as_quat()
+        self.data.qpos[:] = [*position, w, x, y, z, *joints]
+        self.data.qvel[:] = 0.0 if velocity is None else velocity
+        mujoco.mj_forward(self.model, self.data)
+        self.q = pin.neutral(self.pin_model)
+        self.q[:7] = [*position, x, y, z, w]
+        self.q[self.q_index] = joints
+        self.transform = np.zeros((18, 18))
+        self.transform[:3, :3] = rotation.as_matrix().T
+        self.transform[3:6, 3:6] = np.eye(3)
+        self.transform[self.v_index, np.arange(6, 18)] = 1.0
+
+
+@pytest.fixture(scope="module")
+def pair():
+    return Pair(ROBOT, URDF)
+
+
+@pytest.fixture(scope="module")
+def postures():
+    rng = np.random.default_rng(5)
+    rotations = Rotation.random(100, rng=np.random.default_rng(6))
+    return [
+        (rng.uniform(-2, 2, 3), rotations[i], rng.uniform(ROBOT.joint_lower, ROBOT.joint_upper))
+        for i in range(100)
+    ]
+
+
+def test_foot_positions_agree(pair, postures):
+    for posture in postures:
+        pair.set(*posture)
+        pin.framesForwardKinematics(pair.pin_model, pair.pin_data, pair.q)
+        for name in (*ROBOT.foot_names, "imu_link", "t265_link", "perch", "hind_left_fan"):
+            site = name.removesuffix("_link")
+            frame = pair.pin_data.oMf[pair.pin_model.getFrameId(name)]
+            np.testing.assert_allclose(pair.data.site(site).xpos, frame.translation, atol=TOLERANCE)
+            np.testing.assert_allclose(
+                pair.data.site(site).xmat.reshape(3, 3), frame.rotation, atol=TOLERANCE
+            )
+
+
+def test_mass_matrices_agree(pair, postures):
+    for posture in postures:
+        pair.set(*posture)
+        expected = pin.crba(pair.pin_model, pair.pin_data, pair.q)
+        expected = np.triu(expected) + np.triu(expected, 1).T
+        mass = np.zeros((18, 18))
+        mujoco.mj_fullM(pair.model, pair.data, mass)
+        np.testing.assert_allclose(
+            mass, pair.transform.T @ expected @ pair.transform, atol=TOLERANCE
+        )
+
+
+def test_gravity_torques_agree(pair, postures):
+    for posture in postures:
+        pair.set(*posture)
+        expected = pin.computeGeneralizedGravity(pair.pin_model, pair.pin_data, pair.q)
+        np.testing.assert_allclose(pair.data.qfrc_bias, pair.transform.T @ expected, atol=TOLERANCE)
+
+
+def test_velocity_torques_agree(pair, postures):
+    """A constant velocity in the world turns in the base: dv = -w x v there."""
+    rng = np.random.default_rng(7)
+    for position, rotation, joints in postures:
+        velocity = rng.uniform(-3, 3, 18)
+        pair.set(position, rotation, joints, velocity)
+        pin_velocity = pair.transform @ velocity
+        acceleration = np.zeros(18)
+        acceleration[:3] = -np.cross(pin_velocity[3:6], pin_velocity[:3])
+        expected = pin.rnea(pair.pin_model, pair.pin_data, pair.q, pin_velocity, acceleration)
+        np.testing.assert_allclose(pair.data.qfrc_bias, pair.transform.T @ expected, atol=TOLERANCE)
+
+
+@pytest.mark.parametrize("payload", [0.0, 2.5])
+def test_other_payloads_agree(payload, postures):
+    robot = load_robot(payload_mass=payload, payload__position=[0.03, 0.01, -0.02])
+    other = Pair(robot, build_urdf(robot))
+    assert pin.computeTotalMass(other.pin_model) == pytest.approx(6.32 + payload, abs=1e-9)
+    for posture in postures[:10]:
+        other.set(*posture)
+        expected = pin.computeGeneralizedGravity(other.pin_model, other.pin_data, other.q)
+        np.testing.assert_allclose(
+            other.data.qfrc_bias, other.transform.T @ expected, atol=TOLERANCE
+        )
+
+
+def test_total_mass(pair):
+    assert pin.computeTotalMass(pair.pin_model) == pytest.approx(7.6, abs=1e-9)
+
+
+def test_limits(pair):
+    model = pair.pin_model
+    np.testing.assert_allclose(model.lowerPositionLimit[pair.q_index], ROBOT.joint_lower)
+    np.testing.assert_allclose(model.upperPositionLimit[pair.q_index], ROBOT.joint_upper)
+    np.testing.assert_allclose(model.effortLimit[pair.v_index], ROBOT.joint_torque_limit)
+    np.testing.assert_allclose(model.velocityLimit[pair.v_index], ROBOT.joint_velocity_limit)
+
+
+def test_links_and_joints():
+    root = ElementTree.fromstring(URDF)
+    revolute = [joint.get("name") for joint in root.iter("joint") if joint.get("type") != "fixed"]
+    assert tuple(revolute) == ROBOT.joint_names
+    links = [link.get("name") for link in root.iter("link")]
+    children = {child.get("link") for child in root.iter("child")}
+    assert len(set(links)) == len(links)
+    assert [link for link in links if link not in children] == ["base"]
+    assert root.find("link[@name='base']/inertial") is None
+    assert not root.findall(".//mesh")
+    materials = {material.get("name") for material in root.findall("material")}
+    assert {m.get("name") for m in root.findall(".//visual/material")} <= materials
+    assert all(value.get("rgba") for value in root.findall("material/color"))
+
+
+def test_links_of_the_parallelogram_reach_the_foot(postures):
+    """On its mimic joints the ankle ends at the foot of the serial equivalent."""
+    model = pin.buildModelFromXML(build_urdf(ROBOT, parallelogram=True))
+    data = model.createData()
+    assert model.nq == 12 + 2 * 12  # A continuous joint is a cosine and a sine in Pinocchio.
+    for _, _, joints in postures[:20]:
+        q = pin.neutral(model)
+        for index, name in enumerate(ROBOT.joint_names):
+            q[model.joints[model.getJointId(name)].idx_q] = joints[index]
+        for leg, name in enumerate(ROBOT.legs):
+            knee = joints[3 * leg + 2]
+            for link, sign in (("calf", 1), ("rod", 1), ("ankle", -1)):
+                at = model.joints[model.getJointId(f"{name}_{link}_pin")].idx_q
+                q[at : at + 2] = [np.cos(sign * knee), np.sin(sign * knee)]
+        pin.framesForwardKinematics(model, data, q)
+        for name in ROBOT.legs:
+            ankle = data.oMf[model.getFrameId(f"{name}_ankle")]
+            foot = data.oMf[model.getFrameId(f"{name}_foot")]
+            thigh = data.oMf[model.getFrameId(f"{name}_thigh")]
+            end = ankle.act(np.array([0.0, 0.0, -ROBOT.leg.ankle_link]))
+            np.testing.assert_allclose(end, foot.translation, atol=1e-12)
+            np.testing.assert_allclose(ankle.rotation, thigh.rotation, atol=1e-12)
+
+
+def test_command_line_writes_the_urdf():
+    result = subprocess.run(
+        [sys.executable, "-m", "husky_description.urdf", "--payload-mass", "1.0"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert result.stdout == build_urdf(load_robot(payload_mass=1.0))

@@ -1,0 +1,196 @@
+"""Lifecycle node `vn200_driver`: the VN-200 on its serial line to `/imu/data`."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Mapping
+
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.subscription import Subscription
+from sensor_msgs.msg import Imu
+
+from husky_description import graph
+from husky_description.nodes import diagnostics, qos
+from husky_description.nodes.parameters import declare
+from husky_description.nodes.run import run
+from husky_description.robot import load_robot
+from husky_drivers.nodes.imu_encoder import ImuEncoder
+from husky_drivers.vn200_clock import DeviceClock, HostClock
+from husky_drivers.vn200_imu import ImuFigures, Values, swap_body, swap_world_and_body
+from husky_drivers.vn200_link import Vn200Link
+from husky_drivers.vn200_session import SessionConfig, State
+
+
+class Vn200Driver(LifecycleNode):
+    """Publishes each sample of the IMU as soon as its last byte has come.
+
+    The port belongs to the active state: it is opened on activation and given back on
+    deactivation. A port that is not there yet is no failure: it is waited for.
+    """
+
+    hot: tuple[Subscription, ...] = ()
+
+    def __init__(self) -> None:
+        super().__init__(graph.VN200_DRIVER)
+        default_port = graph.serial_port("vn200", self.context.get_domain_id())
+        self._port = declare(self, "port", default_port, "serial port of the VN-200")
+        clock = declare(
+            self,
+            "clock",
+            "device",
+            "whose time stamps the samples: the device's own, which is simulated time in the "
+            "simulation, or the host's, which the device's is mapped to",
+            allowed=("device", "host"),
+        )
+        latency = declare(
+            self,
+            "latency",
+            0.0,
+            "smallest delay from sample to arrival, taken off stamps of clock host [s]",
+            lower=0.0,
+            upper=0.1,
+        )
+        self._config = SessionConfig(
+            baud=declare(
+                self, "baud", 921600, "rate to run the line at [baud]", lower=9600, upper=921600
+            ),
+            rate=declare(
+                self, "rate", 800, "packet rate, a divisor of 800 [Hz]", lower=1, upper=800
+            ),
+            stale_after=declare(
+                self,
+                "stale_after",
+                0.05,
+                "wall time without a sample after which the line counts as stale [s]",
+                lower=0.001,
+                upper=60.0,
+            ),
+            # A simulation that pauses is no dead device.
+            silence_timeout=declare(
+                self,
+                "silence_timeout",
+                0.25 if clock == "host" else 10.0,
+                "wall time that a stale device may answer nothing before the port is reopened and "
+                "its baud rate looked for [s]",
+                lower=0.001,
+                upper=60.0,
+            ),
+        )
+        autostart = declare(self, "autostart", True, "configure and activate at start")
+        self._device_clock = DeviceClock() if clock == "device" else HostClock(latency)
+        self._encoder = ImuEncoder(_message_with_covariances(ImuFigures.of(load_robot().imu)))
+        self._publisher = self.create_lifecycle_publisher(Imu, graph.IMU, qos.CONTROL)
+        self._link: Vn200Link | None = None
+        self._last_report = (time.monotonic(), 0, 0)
+        self._diagnostics = diagnostics.Diagnostics(self, "VN-200", self._report)
+        if autostart:
+            self.trigger_configure()
+            self.trigger_activate()
+
+    # Lifecycle ----------------------------------------------------------------------------------
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Open the line."""
+        result = super().on_activate(state)
+        self._last_report = (time.monotonic(), 0, 0)
+        self._link = Vn200Link(self._port, self._config, self._publish, on_state=self._log_state)
+        self._link.start()
+        return result
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Give the line back."""
+        self.close()
+        return super().on_deactivate(state)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Give the line back, from whatever state."""
+        self.close()
+        return super().on_shutdown(state)
+
+    def quiet(self) -> None:
+        """Nothing is hot: samples come from the port."""
+
+    def close(self) -> None:
+        """Stop the thread and close the port."""
+        if self._link is not None:
+            self._link.stop()
+            self._link = None
+
+    # In the link's thread -----------------------------------------------------------------------
+    def _publish(self, values: Values, host_ns: int) -> None:
+        """Publish one sample in ROS axes."""
+        device_ns, x, y, z, w, p, q, r, a, b, c = values
+        self._publisher.publish(
+            self._encoder.encode(
+                self._device_clock.stamp(int(device_ns), host_ns),
+                swap_world_and_body((x, y, z, w)),
+                swap_body((p, q, r)),
+                swap_body((a, b, c)),
+            )
+        )
+
+    def _log_state(self, text: str) -> None:
+        self.get_logger().info(text)
+
+    # Report -------------------------------------------------------------------------------------
+    def _report(self) -> diagnostics.Report:
+        """Return level, message and values for `/diagnostics`."""
+        link = self._link
+        if link is None:
+            return diagnostics.WARN, "not active", {"port": self._port}
+        session = link.session
+        stream, samples = session.parser.counters, session.samples.counters
+        damaged = stream.crc_errors + stream.checksum_errors + stream.truncated + samples.invalid
+        now = time.monotonic()
+        last, last_good, last_damaged = self._last_report
+        self._last_report = (now, samples.good, damaged)
+        values: Mapping[str, object] = {
+            "state": link.state,
+            "port": link.path,
+            "model": session.model,
+            "baud": session.baud,
+            "rate": f"{(samples.good - last_good) / max(now - last, 1e-3):.1f}",
+            "samples": samples.good,
+            "missed": samples.missed,
+            "repeated": samples.repeated,
+            "invalid": samples.invalid,
+            "clock_restarts": samples.clock_restarts,
+            "crc_errors": stream.crc_errors,
+            "checksum_errors": stream.checksum_errors,
+            "truncated": stream.truncated,
+            "garbage_bytes": stream.garbage_bytes,
+            "connections": link.connections,
+            "reconnects": max(0, link.connections - 1),
+            "times_stale": session.times_stale,
+            "device_errors": session.device_errors,
+            "problem": link.error or session.problem,
+        }
+        if not link.connected:
+            return diagnostics.ERROR, f"{link.state}: {link.error}", values
+        if session.state is not State.STREAMING:
+            return diagnostics.WARN, link.state, values
+        if damaged > last_damaged:
+            return diagnostics.WARN, f"{damaged - last_damaged} messages damaged", values
+        return diagnostics.OK, link.state, values
+
+
+def _message_with_covariances(figures: ImuFigures) -> Imu:
+    """Return a message in which only the measurement is missing."""
+    message = Imu()
+    message.header.frame_id = graph.FRAME_IMU
+    for covariance, variances in (
+        (message.orientation_covariance, figures.orientation_variance),
+        (message.angular_velocity_covariance, [figures.angular_velocity_variance] * 3),
+        (message.linear_acceleration_covariance, [figures.linear_acceleration_variance] * 3),
+    ):
+        covariance[0], covariance[4], covariance[8] = variances
+    return message
+
+
+def main() -> int:
+    """Run the node; return the process's exit code."""
+    return run(Vn200Driver)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

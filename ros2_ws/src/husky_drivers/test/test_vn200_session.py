@@ -1,0 +1,379 @@
+"""The dialogue with a scripted device in simulated time: order, repetition, loss, wrong rates."""
+
+import itertools
+import math
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from husky_drivers.vn200_binary import IMU_LAYOUT
+from husky_drivers.vn200_protocol import BAUDS, AsciiMessage, ProtocolError, decode_ascii
+from husky_drivers.vn200_requests import scan_order
+from husky_drivers.vn200_session import Session, SessionConfig, State
+
+STEP = 0.00125
+DIALOGUE = [
+    b"$VNASY,0*4F\r\n",
+    b"$VNWRG,05,921600*53\r\n",
+    b"$VNASY,0*4F\r\n",
+    b"$VNWRG,06,0*6C\r\n",
+    b"$VNRRG,01*72\r\n",
+    b"$VNWRG,75,1,1,01,0131*76\r\n",
+    b"$VNASY,1*4E\r\n",
+]
+
+
+class Script:
+    """A device that echoes what it is told, at its baud rate, and can be made to misbehave."""
+
+    def __init__(self, baud=115200, replies_at_new_baud=False):
+        self.baud = baud
+        self.replies_at_new_baud = replies_at_new_baud
+        self.model = "VN-200T-CR"
+        self.output = ("0", "1", "00")
+        self.paused = False
+        self.heard = []
+        self.lose = 0
+        self.answer = None
+        self.silent = False
+        self.frozen = False
+        self._ticks = 0
+
+    def hear(self, data, baud):
+        """Return what comes back, as (bytes, baud)."""
+        if self.silent or not data or baud != self.baud:
+            return b"", self.baud
+        self.heard.append(data)
+        if self.lose > 0:
+            self.lose -= 1
+            return b"", self.baud
+        if self.answer is not None:
+            return self.answer(data), self.baud
+        message = decode_ascii(data)
+        old = self.baud
+        fields = message.fields
+        if message.command == "ASY":
+            self.paused = fields == ("0",)
+        elif message.command == "WRG" and fields[0] == "05":
+            self.baud = int(fields[1])
+        elif message.command == "WRG" and fields[0] == "75":
+            self.output = fields[1:]
+        elif message.command == "RRG" and fields[0] == "01":
+            fields = (*fields, self.model)
+        elif message.command == "RRG" and fields[0] == "75":
+            fields = (*fields, *self.output)
+        reply = AsciiMessage(message.command, fields).encode()
+        return reply, self.baud if self.replies_at_new_baud else old
+
+    def tick(self):
+        self._ticks += not self.frozen
+        if self.silent or self.paused or self.output != ("1", "1", "01", "0131"):
+            return b""
+        return IMU_LAYOUT.encode(self._ticks * 1_250_000, 0, 0, 0, 1, 0, 0, 0, 0, 0, -9.81)
+
+
+class Line:
+    """A session and a device in simulated time."""
+
+    def __init__(self, device=None, **config):
+        self.device = device if device is not None else Script()
+        self.session = Session(SessionConfig(**config))
+        self.now = 0.0
+        self.sent = []
+        self.samples = []
+        self.reopened = 0
+        self.session.start(self.now)
+
+    def step(self):
+        self.now += STEP
+        arriving = [(self.device.tick(), self.device.baud)]
+        if self.now >= self.session.deadline:
+            data = self.session.poll(self.now)
+            if data:
+                self.sent.append((self.now, self.session.baud, data))
+            arriving.append(self.device.hear(data, self.session.baud))
+        if self.session.reopen_wanted:
+            self.reopened += 1
+            self.session.start(self.now)
+        for data, baud in arriving:
+            if data and baud == self.session.baud:
+                self.samples += self.session.feed(data, self.now)
+
+    def run(self, duration):
+        for _ in range(round(duration / STEP)):
+            self.step()
+
+    def run_until(self, state, limit):
+        """Return the time that it took."""
+        start = self.now
+        while self.session.state is not state:
+            assert self.now - start < limit, f"{self.session.state} instead of {state}"
+            self.step()
+        return self.now - start
+
+
+def streaming_line(**config):
+    line = Line(**config)
+    line.run_until(State.STREAMING, 1.0)
+    line.run(0.1)
+    return line
+
+
+# Start ------------------------------------------------------------------------------------------
+def test_the_dialogue_with_a_device_from_the_factory():
+    line = streaming_line()
+    assert line.device.heard == DIALOGUE
+    assert line.session.model == "VN-200T-CR"
+    assert len(line.samples) == pytest.approx(80, abs=2)
+
+
+def test_a_device_at_the_right_rate_is_not_told_to_change_it():
+    line = streaming_line(device=Script(baud=921600))
+    assert line.device.heard == DIALOGUE[2:]
+
+
+@pytest.mark.parametrize("at_new", [False, True])
+@pytest.mark.parametrize("baud", [b for b in BAUDS if b != 921600])
+def test_the_reply_to_a_change_of_rate_may_come_at_either(baud, at_new):
+    line = Line(Script(baud, at_new))
+    line.run_until(State.STREAMING, 1.5)
+    assert line.device.baud == 921600
+
+
+def test_another_rate_and_divisor_can_be_wanted():
+    line = Line(baud=230400, rate=400)
+    line.run_until(State.CONFIGURING, 1.0)
+    line.run(0.1)
+    assert b"$VNWRG,05,230400" in b"".join(line.device.heard)
+    assert line.device.output == ("1", "2", "01", "0131")
+
+
+@pytest.mark.parametrize("lost", range(1, 7))
+def test_one_lost_message_of_the_dialogue_is_made_up_for(lost):
+    device = Script()
+    line = Line(device)
+    for _ in range(lost):
+        before = len(device.heard)
+        while len(device.heard) == before:
+            line.step()
+    device.lose = 1
+    line.run_until(State.STREAMING, 2.0)
+    line.run(0.1)
+    assert len(line.samples) > 70
+
+
+def test_a_request_without_echo_is_repeated_every_half_second():
+    device = Script(baud=921600)
+    line = Line(device)
+    line.run_until(State.CONFIGURING, 1.0)
+    device.lose = 2
+    line.run(1.2)
+    times = [time for time, _, data in line.sent if data == DIALOGUE[3]]
+    assert len(times) == 3
+    assert [b - a for a, b in itertools.pairwise(times)] == pytest.approx([0.5, 0.5], abs=2 * STEP)
+    assert line.session.state is State.STREAMING
+
+
+def test_a_device_that_answers_something_else_is_asked_again_not_believed():
+    device = Script(baud=921600)
+    line = Line(device)
+    line.run_until(State.CONFIGURING, 1.0)
+    device.answer = lambda data: b"$VNWRG,06,1*6D\r\n"
+    line.run(1.0)
+    assert line.session.state is State.CONFIGURING
+    device.answer = None
+    line.run_until(State.STREAMING, 1.0)
+
+
+def test_another_makers_device_is_reported_and_not_used():
+    device = Script(baud=921600)
+    device.model = "XY-7"
+    line = Line(device)
+    line.run(1.0)
+    assert line.session.state is State.CONFIGURING
+    assert "XY-7" in line.session.problem
+
+
+def test_a_refusal_is_reported():
+    device = Script(baud=921600)
+    line = Line(device)
+    line.run_until(State.CONFIGURING, 1.0)
+    device.answer = lambda data: b"$VNERR,0C*02\r\n"
+    line.run(0.7)
+    assert line.session.problem == "device error 0C (insufficient baud rate)"
+    assert line.session.device_errors == 2
+
+
+def test_damage_on_the_way_to_the_device_is_made_up_for_at_once():
+    device = Script(baud=921600)
+    line = Line(device)
+    line.run_until(State.CONFIGURING, 1.0)
+    device.answer = lambda data: b"$VNERR,03*72\r\n"
+    line.run(0.01)
+    device.answer = None
+    assert line.run_until(State.STREAMING, 1.0) < 0.1
+
+
+# Rates ------------------------------------------------------------------------------------------
+def test_the_scan_visits_every_rate_and_the_likely_ones_often():
+    order = scan_order(57600, 921600)
+    assert order[0] == 57600
+    assert set(order) == set(BAUDS)
+    for start in range(len(order) - 5):
+        assert {115200, 921600} & set(order[start : start + 6])
+
+
+@pytest.mark.parametrize("baud", BAUDS)
+@pytest.mark.parametrize("delay", [0.0, 0.13, 0.29, 0.47, 0.61, 0.83])
+def test_a_device_that_comes_back_at_any_rate_is_found(baud, delay):
+    """Back within 1 s at the likely rates, within 1.5 s at any, whatever the scan was doing."""
+    line = Line(Script())
+    line.device.silent = True
+    line.run(1.0 + delay)
+    line.device.silent = False
+    line.device.baud = baud
+    took = line.run_until(State.STREAMING, 1.5)
+    assert took < (1.0 if baud in (921600, 115200) else 1.5)
+
+
+# Silence ----------------------------------------------------------------------------------------
+def test_silence_makes_the_line_stale_and_the_device_is_asked_without_disturbing_it():
+    line = streaming_line()
+    heard = len(line.device.heard)
+    line.device.tick = lambda: b""
+    took = line.run_until(State.STALE, 1.0)
+    assert took == pytest.approx(0.05, abs=2 * STEP)
+    line.run(0.2)
+    assert line.device.heard[heard : heard + 2] == [b"$VNRRG,75*71\r\n", b"$VNASY,1*4E\r\n"]
+    line.run(2.0)
+    assert line.session.state is State.STALE
+    assert DIALOGUE[0] not in line.device.heard[heard:]
+    assert line.reopened == 0
+    del line.device.tick
+    line.run_until(State.STREAMING, 0.01)
+    assert line.session.times_stale == 1
+
+
+def test_a_dead_line_is_reopened():
+    line = streaming_line()
+    line.device.silent = True
+    line.run(0.05 + 0.25 + 3 * STEP)
+    assert line.reopened == 1
+    line.run(3.0)
+    assert line.reopened >= 3  # once for each scan in vain
+    line.device.silent = False
+    assert line.run_until(State.STREAMING, 2.0) < 1.0
+
+
+def test_a_paused_device_is_resumed():
+    line = streaming_line()
+    line.device.paused = True
+    line.run_until(State.STALE, 0.1)
+    assert line.run_until(State.STREAMING, 1.0) < 0.1
+
+
+def test_a_device_that_forgot_its_setting_is_configured_again():
+    line = streaming_line()
+    line.device.output = ("0", "1", "00")
+    line.run_until(State.CONFIGURING, 0.1)
+    assert line.run_until(State.STREAMING, 1.0) < 0.1
+
+
+def test_a_device_that_restarts_at_its_flash_settings_is_found_again():
+    line = streaming_line()
+    line.device.output = ("0", "1", "00")
+    line.device.baud = 115200
+    line.run_until(State.STALE, 0.1)
+    assert line.run_until(State.STREAMING, 2.0) < 1.0
+
+
+def test_garbage_from_a_stale_line_raises_doubt_about_its_rate_at_once():
+    line = streaming_line(silence_timeout=60.0)
+    line.device.silent = True
+    line.run_until(State.STALE, 0.1)
+    for _ in range(5):
+        line.session.feed(bytes(50), line.now)
+    assert line.session.state is State.PROBING
+    assert not line.session.reopen_wanted
+
+
+def test_a_frozen_sample_is_no_sample():
+    line = streaming_line()
+    line.device.frozen = True
+    count = len(line.samples)
+    line.run(0.5)
+    assert line.session.state is State.STALE
+    assert line.reopened == 0
+    assert len(line.samples) == count
+    assert line.session.samples.counters.repeated > 300
+    line.device.frozen = False
+    line.run_until(State.STREAMING, 0.01)
+
+
+# Anything ---------------------------------------------------------------------------------------
+@settings(deadline=None, max_examples=60)
+@given(
+    chaos=st.lists(
+        st.one_of(
+            st.tuples(st.just("feed"), st.binary(max_size=80)),
+            st.tuples(
+                st.just("feed"),
+                st.sampled_from(
+                    [
+                        *DIALOGUE,
+                        b"$VNERR,03*72\r\n",
+                        b"$VNERR,zz*48\r\n",
+                        b"$VNERR*5E\r\n",
+                        b"$VNRRG*4B\r\n",
+                        b"$VNRRG,75*71\r\n",
+                        b"$VNRRG,01,VN-200T-CR*31\r\n",
+                        b"$VNRRG,75,1,4,01,0139*7E\r\n",
+                        IMU_LAYOUT.encode(5, 0, 0, 0, 1, 0, 0, 0, 0, 0, -9.81),
+                        IMU_LAYOUT.encode(5, 0, 0, 0, math.nan, 0, 0, 0, 0, 0, math.inf),
+                    ]
+                ),
+            ),
+            st.tuples(st.just("wait"), st.floats(0.0, 3.0)),
+            st.tuples(st.just("start"), st.none()),
+        ),
+        max_size=30,
+    ),
+    baud=st.sampled_from(BAUDS),
+)
+def test_whatever_arrives_nothing_raises_and_a_good_device_is_found_afterwards(chaos, baud):
+    line = Line(Script(baud))
+    session = line.session
+    for what, value in chaos:
+        if what == "feed":
+            session.feed(value, line.now)
+        elif what == "start":
+            session.start(line.now)
+        else:
+            line.now += value
+        if line.now >= session.deadline:
+            session.poll(line.now)
+        assert session.baud in BAUDS
+        assert line.now <= session.deadline < line.now + 60.0
+    line.run_until(State.STREAMING, 4.0)
+
+
+@pytest.mark.parametrize(
+    ("config", "words"),
+    [
+        ({"baud": 100000}, "baud is 100000, it must be one of"),
+        ({"rate": 300}, "rate is 300 Hz, it must be a divisor of 800"),
+        ({"baud": 115200}, "rate is 800 Hz: packets of 54 bytes fit into 115200 baud up to 213 Hz"),
+        ({"stale_after": 0.001}, "stale_after is 0.001 s, it must be within 0.0025 and 60"),
+        ({"silence_timeout": math.nan}, "silence_timeout is nan s"),
+    ],
+)
+def test_a_bad_configuration_says_what_is_allowed(config, words):
+    with pytest.raises(ValueError, match=words):
+        SessionConfig(**config)
+
+
+def test_scripted_device_refuses_nonsense():
+    """The script itself must not take damaged requests for good ones."""
+    with pytest.raises(ProtocolError):
+        Script().hear(b"$VNASY,0*00\r\n", 115200)

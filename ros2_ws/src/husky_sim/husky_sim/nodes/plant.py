@@ -1,0 +1,441 @@
+"""Node `plant`: the simulated world on the far side of the wires."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections import deque
+from pathlib import Path
+
+import numpy as np
+from nav_msgs.msg import Odometry
+from rclpy.node import Node
+from rosgraph_msgs.msg import Clock
+from scipy.spatial.transform import Rotation
+from std_srvs.srv import SetBool
+
+from husky_description import graph
+from husky_description.lockstep import Peer, Presence
+from husky_description.nodes import diagnostics, qos, stamps
+from husky_description.nodes.parameters import declare
+from husky_description.nodes.run import run
+from husky_description.nodes.tick_clock import TickClock, percentile_ms
+from husky_description.robot import load_robot
+from husky_drivers.vn200_imu import ImuFigures
+from husky_msgs.msg import EstimateError, FootContacts, ServoCommand, ServoState
+from husky_msgs.srv import ApplyWrench, InjectFault, ResetWorld, StepWorld
+from husky_sim.pty_port import PtyPort
+from husky_sim.terrain import KINDS, TerrainOptions
+from husky_sim.vn200_device import Vn200Device
+from husky_sim.world import CONTACT_PRESETS, Array, World, WorldOptions
+
+_RESEND_PERIOD = 0.1
+"""Wall time after which an unanswered state is sent again: best effort may lose one [s]."""
+_TRUTHS_KEPT = 64
+"""Ticks for which the truth is kept to compare estimates with."""
+_TRUTH_EVERY = 5
+"""Ticks between two messages of ground truth: 100 Hz."""
+
+
+class Plant(Node):
+    """Steps the world and speaks for the motors, the IMU and the ground truth.
+
+    In lockstep a tick goes: publish the state of tick k, wait until the drive bridge has answered
+    with k's stamp, step by 2 ms. In realtime a wall timer steps and the newest answer counts.
+    """
+
+    def __init__(self) -> None:
+        """Declare parameters, build the world, open the wires."""
+        super().__init__(graph.PLANT)
+        self._lockstep = (
+            declare(self, "time", "lockstep", "who sets the pace", allowed=("lockstep", "realtime"))
+            == "lockstep"
+        )
+        grace = declare(
+            self, "grace", 1.0, "wall time a silent peer is waited for [s]", lower=0.2, upper=60.0
+        )
+        payload = declare(
+            self,
+            "payload",
+            -1.0,
+            "payload [kg], negative for 7.6 kg in all",
+            lower=-1.0,
+            upper=10.0,
+        )
+        scene = declare(self, "save_scene", "", "file that gets the world as MuJoCo XML")
+        options = self._world_options()
+        robot = load_robot() if payload < 0.0 else load_robot(payload_mass=payload)
+        self._world = World(robot, options)
+        if scene:
+            Path(scene).write_text(self._world.scene_xml)
+        self._seed = options.seed
+        self._imu = Vn200Device(ImuFigures.of(robot.imu), self._seed)
+        self._imu_port = PtyPort(
+            declare(
+                self,
+                "imu_port",
+                graph.serial_port("vn200", self.context.get_domain_id()),
+                "where the IMU's serial line appears",
+            )
+        )
+        self._bridge = Peer(graph.DRIVE_BRIDGE, grace)
+        self._imu_driver = Peer(graph.VN200_DRIVER, grace)  # awaited at the start only
+        self._command_ns = -1
+        self._paused = declare(self, "start_paused", False, "wait for the step or pause service")
+        self._steps_left = 0
+        self._started = False
+        self._overruns = 0
+        self._tick_clock = TickClock(graph.TICK_PERIOD)
+        self._imu_sent: dict[int, float] = {}
+        self._truths: dict[int, tuple[Array, Array, Array]] = {}
+        self._latencies: deque[float] = deque(maxlen=2048)
+        self._next_due = self._sent_at = time.monotonic()
+
+        self._state = ServoState()
+        self._clock_message = Clock()
+        self._state_publisher = self.create_publisher(ServoState, graph.SERVO_STATE, qos.CONTROL)
+        self._clock_publisher = self.create_publisher(Clock, graph.CLOCK, qos.CLOCK)
+        self._truth_publisher = self.create_publisher(Odometry, graph.GROUND_TRUTH, qos.STATUS)
+        self._contacts_publisher = self.create_publisher(
+            FootContacts, graph.FOOT_CONTACTS, qos.STATUS
+        )
+        self._error_publisher = self.create_publisher(
+            EstimateError, graph.ESTIMATE_ERROR, qos.STATUS
+        )
+        # An estimate is compared before the world moves on.
+        self.hot = [
+            self.create_subscription(Odometry, graph.ODOMETRY, self._on_estimate, qos.STATUS),
+            self.create_subscription(
+                ServoCommand, graph.SERVO_COMMAND, self._on_command, qos.CONTROL
+            ),
+        ]
+        self.create_service(ResetWorld, graph.PLANT_RESET, self._on_reset)
+        self.create_service(SetBool, graph.PLANT_PAUSE, self._on_pause)
+        self.create_service(StepWorld, graph.PLANT_STEP, self._on_step)
+        self.create_service(ApplyWrench, graph.PLANT_APPLY_WRENCH, self._on_apply_wrench)
+        self.create_service(InjectFault, graph.PLANT_INJECT_FAULT, self._on_inject_fault)
+        self._diagnostics = diagnostics.Diagnostics(self, "MuJoCo", self._report)
+        self.hot_timers = []
+        if not self._lockstep:
+            self.hot_timers.append(self.create_timer(graph.TICK_PERIOD, self._on_period))
+
+    def _world_options(self) -> WorldOptions:
+        defaults, ground = WorldOptions(), TerrainOptions()
+        friction = declare(
+            self,
+            "friction",
+            -1.0,
+            "sliding friction [-], negative for the preset's",
+            lower=-1.0,
+            upper=5.0,
+        )
+        return WorldOptions(
+            terrain=TerrainOptions(
+                kind=declare(self, "terrain", ground.kind, "kind of ground", allowed=KINDS),
+                slope=np.radians(
+                    declare(self, "slope_deg", 0.0, "inclination [deg]", lower=-90.0, upper=90.0)
+                ),
+                height=declare(
+                    self, "terrain_height", ground.height, "tile or step [m]", lower=0.0, upper=1.0
+                ),
+                size=declare(
+                    self, "terrain_size", ground.size, "tile or step [m]", lower=0.02, upper=10.0
+                ),
+                length=declare(
+                    self, "terrain_length", ground.length, "along x [m]", lower=0.1, upper=100.0
+                ),
+            ),
+            contact=declare(
+                self, "contact", defaults.contact, "contact preset", allowed=tuple(CONTACT_PRESETS)
+            ),
+            friction=friction if friction > 0.0 else None,
+            timestep=declare(
+                self, "timestep", defaults.timestep, "physics step [s]", lower=1e-5, upper=0.002
+            ),
+            keyframe=declare(
+                self, "keyframe", defaults.keyframe, "initial posture", allowed=("sit", "stand")
+            ),
+            seed=declare(self, "seed", defaults.seed, "of all noise", lower=0, upper=2**31 - 1),
+        )
+
+    # The tick -------------------------------------------------------------------------------
+    def _on_command(self, command: ServoCommand) -> None:
+        stamp = stamps.to_ns(command.stamp)
+        if stamp > self._world.time_ns:
+            return  # of a time before a reset
+        self._bridge.answer(stamp)
+        if stamp < self._command_ns:
+            return  # a sign of life
+        self._command_ns = stamp
+        self._measure_latency(stamps.to_ns(command.imu_stamp))
+        self._world.servos.set_command(
+            command.kind,
+            command.position,
+            command.velocity,
+            command.torque,
+            command.kp,
+            command.kd,
+            command.torque_limit,
+        )
+        if self._lockstep:
+            self._advance()
+
+    def _measure_latency(self, imu_ns: int) -> None:
+        """The first command that stands on an IMU sample has come: how old is the sample?"""
+        sent = self._imu_sent.pop(imu_ns, None)
+        if sent is not None:
+            self._latencies.append(time.perf_counter() - sent)
+            for older in [key for key in self._imu_sent if key < imu_ns]:
+                del self._imu_sent[older]
+
+    def quiet(self) -> None:
+        """Talk to the IMU's driver, say again what was lost, go on without a lost peer."""
+        self._imu_port.service(self._imu)
+        if not self._lockstep:
+            return
+        if self._started and not self._bridge.ready(self._world.time_ns):
+            now = time.monotonic()
+            if now - self._sent_at > _RESEND_PERIOD:
+                self._send_state()
+            self._await_bridge(now)
+        self._advance()
+
+    def _await_bridge(self, now: float) -> None:
+        if self._bridge.expire(now):
+            self.get_logger().warning(
+                f"{self._bridge.name} is silent: going on without it, the run is not deterministic"
+            )
+
+    def _advance(self) -> None:
+        """Step if the tick is complete and the world may go on; then publish the new state."""
+        if self._running() and self._started and self._bridge.ready(self._world.time_ns):
+            self._tick()
+        if self._running() and not self._started and self._imu_is_set_up():
+            # The first state of a run: nobody has answered it yet.
+            self._started = True
+            self._publish_state()
+
+    def _imu_is_set_up(self) -> bool:
+        """Return whether the driver has told the IMU to stream, so that no run misses a sample."""
+        if self._imu.streaming:
+            self._imu_driver.answer(0)
+        elif self._imu_driver.expire(time.monotonic()):
+            self.get_logger().warning(f"{self._imu_driver.name} is silent: starting without it")
+        return self._imu_driver.ready(0)
+
+    def _running(self) -> bool:
+        return self._steps_left > 0 or not self._paused
+
+    def _tick(self) -> None:
+        world = self._world
+        self._tick_clock.start()
+        for sample in world.step_tick():
+            self._imu.sample(
+                sample.time_ns,
+                sample.orientation,
+                sample.angular_velocity,
+                sample.specific_force,
+            )
+            self._imu_sent[sample.time_ns] = time.perf_counter()
+        self._imu_port.service(self._imu)
+        self._remember_truth()
+        self._steps_left = max(0, self._steps_left - 1)
+        self._publish_state()
+        if (world.time_ns // graph.TICK_PERIOD_NS) % _TRUTH_EVERY == 0:
+            self._publish_truth()
+        self._tick_clock.end()
+
+    def _publish_state(self) -> None:
+        state, servos = self._state, self._world.servos
+        stamps.fill(state.stamp, self._world.time_ns)
+        state.encoder_count = servos.encoder_count
+        state.velocity_count = servos.velocity_count
+        state.current = servos.current
+        state.bus_voltage = servos.bus_voltage
+        self._send_state()
+
+    def _send_state(self) -> None:
+        self._sent_at = time.monotonic()
+        self._state_publisher.publish(self._state)
+
+    def _on_period(self) -> None:
+        """Realtime: one tick every 2 ms of wall time."""
+        now = time.monotonic()
+        if now - self._next_due > graph.TICK_PERIOD:
+            self._overruns += 1
+            self._next_due = now
+        self._next_due += graph.TICK_PERIOD
+        if self._running():
+            if not self._bridge.ready(self._world.time_ns):
+                self._await_bridge(now)
+            self._tick()
+
+    # Ground truth ---------------------------------------------------------------------------
+    def _publish_truth(self) -> None:
+        world = self._world
+        stamps.fill(self._clock_message.clock, world.time_ns)
+        self._clock_publisher.publish(self._clock_message)
+        truth = Odometry()
+        truth.header.frame_id = graph.FRAME_WORLD
+        truth.child_frame_id = graph.FRAME_BASE
+        stamps.fill(truth.header.stamp, world.time_ns)
+        pose, twist = truth.pose.pose, truth.twist.twist
+        pose.position.x, pose.position.y, pose.position.z = map(float, world.base_position)
+        orientation = world.base_orientation
+        q = pose.orientation
+        q.x, q.y, q.z, q.w = map(float, orientation)
+        velocity = world.base_velocity_in_base()
+        twist.linear.x, twist.linear.y, twist.linear.z = velocity.tolist()
+        rate = world.base_angular_velocity
+        twist.angular.x, twist.angular.y, twist.angular.z = map(float, rate)
+        self._truth_publisher.publish(truth)
+
+        contacts = FootContacts()
+        stamps.fill(contacts.stamp, world.time_ns)
+        for leg, (force, position) in enumerate(
+            zip(world.foot_forces(), world.foot_positions(), strict=True)
+        ):
+            contacts.contact[leg] = bool(np.any(force))
+            contacts.force[leg].x, contacts.force[leg].y, contacts.force[leg].z = map(float, force)
+            point = contacts.position[leg]
+            point.x, point.y, point.z = map(float, position)
+        point = contacts.center_of_mass
+        point.x, point.y, point.z = world.center_of_mass().tolist()
+        self._contacts_publisher.publish(contacts)
+
+    def _on_estimate(self, estimate: Odometry) -> None:
+        """Compare the controller's estimate with the truth of its stamp, if that is recent."""
+        truth = self._truths.get(stamps.to_ns(estimate.header.stamp))
+        if truth is None:
+            return
+        true_position, true_orientation, true_velocity = truth
+        position, q = estimate.pose.pose.position, estimate.pose.pose.orientation
+        linear = estimate.twist.twist.linear
+        estimated = Rotation.from_quat((q.x, q.y, q.z, q.w))
+        true = Rotation.from_quat(true_orientation, scalar_first=True)
+        error = EstimateError()
+        error.stamp = estimate.header.stamp
+        error.position = np.array((position.x, position.y, position.z)) - true_position
+        error.velocity = estimated.apply((linear.x, linear.y, linear.z)) - true_velocity
+        error.attitude = (true.inv() * estimated).as_rotvec()
+        self._error_publisher.publish(error)
+
+    def _remember_truth(self) -> None:
+        """Keep the truth of the last ticks: estimates come a little later."""
+        qpos, qvel = self._world.data.qpos, self._world.data.qvel
+        self._truths[self._world.time_ns] = (qpos[0:3].copy(), qpos[3:7].copy(), qvel[0:3].copy())
+        self._truths.pop(self._world.time_ns - _TRUTHS_KEPT * graph.TICK_PERIOD_NS, None)
+
+    # Services -------------------------------------------------------------------------------
+    def _on_reset(self, request: ResetWorld.Request, response: ResetWorld.Response):  # type: ignore[no-untyped-def]
+        try:
+            self._world.reset(request.keyframe or self._world.options.keyframe)
+        except ValueError as error:
+            response.success, response.message = False, str(error)
+            return response
+        self._imu_sent.clear()
+        self._truths.clear()
+        self._seed = self._seed if request.seed < 0 else int(request.seed)
+        self._imu.restart(self._seed)
+        self._bridge.restart()
+        self._command_ns = -1
+        self._started = False
+        response.success, response.message = True, "the world is back at time 0"
+        return response
+
+    def _on_pause(self, request: SetBool.Request, response: SetBool.Response):  # type: ignore[no-untyped-def]
+        self._paused = request.data
+        response.success = True
+        response.message = f"{'paused' if request.data else 'running'} at {self._world.time_ns} ns"
+        return response
+
+    def _on_step(self, request: StepWorld.Request, response: StepWorld.Response):  # type: ignore[no-untyped-def]
+        if not (self._lockstep and self._paused):
+            response.message = "stepping needs the lockstep clock and a paused world"
+        elif request.ticks < 1:
+            response.message = f"ticks is {request.ticks}, it must be at least 1"
+        else:
+            self._steps_left = request.ticks
+            self._advance()
+            self.executor.spin_hot_until(self._has_settled)
+            response.success = True
+        stamps.fill(response.stamp, self._world.time_ns)
+        response.trajectory_sha256 = self._world.trajectory_sha256
+        return response
+
+    def _has_settled(self) -> bool:
+        """Whether the steps asked for are done and the bridge has told everybody of the last one.
+
+        So whatever the asker sends next comes after that tick, at any node.
+        """
+        return self._steps_left == 0 and self._bridge.ready(self._world.time_ns)
+
+    def _on_apply_wrench(self, request: ApplyWrench.Request, response: ApplyWrench.Response):  # type: ignore[no-untyped-def]
+        force, torque = request.wrench.force, request.wrench.torque
+        try:
+            self._world.push(
+                request.body,
+                np.array((force.x, force.y, force.z)),
+                np.array((torque.x, torque.y, torque.z)),
+                request.duration,
+            )
+        except ValueError as error:
+            response.success, response.message = False, str(error)
+            return response
+        response.success = True
+        return response
+
+    def _on_inject_fault(self, request: InjectFault.Request, response: InjectFault.Response):  # type: ignore[no-untyped-def]
+        if request.target != "imu":
+            response.message = f"target is {request.target!r}, the plant has: imu"
+            return response
+        try:
+            if request.fault == "unplug":
+                self._imu_port.unplug()
+            else:
+                kind, _, intensity = request.fault.partition(":")
+                self._imu_port.replug()
+                self._imu.inject(kind, float(intensity) if intensity else None)
+        except ValueError as error:
+            response.message = f"{error}, unplug"
+            return response
+        response.success = True
+        return response
+
+    def _report(self) -> diagnostics.Report:
+        lost = self._bridge.presence is Presence.LOST
+        level, message = diagnostics.OK, "running"
+        if lost:
+            level, message = diagnostics.ERROR, f"{self._bridge.name} is lost"
+        elif self._paused:
+            message = "paused"
+        elif self._overruns:
+            level, message = diagnostics.WARN, "the wall clock could not be kept"
+        return (
+            level,
+            message,
+            {
+                "simulated_time_s": self._world.time_ns / 1e9,
+                "overruns": self._overruns,
+                "tick_ms_p50": percentile_ms(self._tick_clock.durations(), 50),
+                "period_ms_p50": percentile_ms(self._tick_clock.periods(), 50),
+                "period_ms_p99": percentile_ms(self._tick_clock.periods(), 99),
+                "imu_to_target_ms_p50": percentile_ms(np.array(self._latencies), 50),
+                "imu_to_target_ms_p99": percentile_ms(np.array(self._latencies), 99),
+                "peer_losses": self._bridge.losses,
+                "trajectory_sha256": self._world.trajectory_sha256,
+            },
+        )
+
+    def close(self) -> None:
+        """Give the serial line back."""
+        self._imu_port.close()
+
+
+def main() -> int:
+    """Run the node."""
+    return run(Plant)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

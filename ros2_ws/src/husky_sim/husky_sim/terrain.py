@@ -1,0 +1,139 @@
+"""Grounds that the robot can be put on: flat, slope, tiles, steps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+FLOOR = "floor"
+"""Name of the ground plane's geom; other terrain geoms are named floor_0, floor_1, ..."""
+
+
+@dataclass(frozen=True)
+class TerrainOptions:
+    """What ground to build.
+
+    Attributes:
+        kind: one of `KINDS`.
+        slope: inclination of the slope about the base's y axis, uphill along +x [rad].
+        height: greatest tile height, or height of one step [m].
+        size: edge of a tile, or depth of one step [m].
+        length: how far tiles and steps reach along +x, from 0.8 m before the robot's start [m].
+    """
+
+    kind: str = "flat"
+    slope: float = 0.0
+    height: float = 0.03
+    size: float = 0.2
+    length: float = 8.0
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be built.
+
+        Raises:
+            ValueError: naming the option, its value and what is allowed.
+        """
+        if self.kind not in KINDS:
+            raise ValueError(f"terrain is {self.kind!r}, it must be one of {', '.join(KINDS)}")
+        for name, lower, upper in (
+            ("slope", -np.pi / 2, np.pi / 2),
+            ("height", 0.0, 1.0),
+            ("size", 0.02, 10.0),
+            ("length", 0.1, 100.0),
+        ):
+            value = getattr(self, name)
+            if not lower <= value <= upper:
+                raise ValueError(
+                    f"terrain {name} is {value}, it must be {lower:.3g} to {upper:.3g}"
+                )
+
+
+def build(spec: mujoco.MjSpec, options: TerrainOptions, seed: int) -> None:
+    """Add the ground to a scene.
+
+    Args:
+        spec: the scene; its world body gets the geoms, of the default class "terrain".
+        options: which ground.
+        seed: of the tile heights.
+    """
+    KINDS_TABLE[options.kind](spec, options, np.random.default_rng(seed))
+
+
+def _plane(spec: mujoco.MjSpec, quat: list[float]) -> None:
+    spec.worldbody.add_geom(
+        name=FLOOR,
+        type=mujoco.mjtGeom.mjGEOM_PLANE,
+        size=[0.0, 0.0, 0.05],
+        quat=quat,
+        material="ground",
+    )
+
+
+def _flat(spec: mujoco.MjSpec, options: TerrainOptions, rng: np.random.Generator) -> None:
+    _plane(spec, [1.0, 0.0, 0.0, 0.0])
+
+
+def _slope(spec: mujoco.MjSpec, options: TerrainOptions, rng: np.random.Generator) -> None:
+    """A plane through the origin, uphill along +x."""
+    _plane(spec, [np.cos(options.slope / 2), 0.0, -np.sin(options.slope / 2), 0.0])
+
+
+def _box(
+    spec: mujoco.MjSpec,
+    index: int,
+    centre: tuple[float, float],
+    size: tuple[float, float],
+    top: float,
+) -> None:
+    """A box from 0.1 m under the ground up to `top`, all in metres."""
+    half_height = (top + 0.1) / 2
+    spec.worldbody.add_geom(
+        name=f"{FLOOR}_{index}",
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        pos=[*centre, top - half_height],
+        size=[size[0] / 2, size[1] / 2, half_height],
+        material="tile",
+    )
+
+
+def _tiles(spec: mujoco.MjSpec, options: TerrainOptions, rng: np.random.Generator) -> None:
+    """Tiles of random height on a plane, 2 m wide, with flat ground before and behind."""
+    _flat(spec, options, rng)
+    columns = int(2.0 / options.size)
+    index = 0
+    for row in range(int(options.length / options.size)):
+        for column in range(columns):
+            centre = (
+                0.8 + (row + 0.5) * options.size,
+                (column + 0.5 - columns / 2) * options.size,
+            )
+            top = float(rng.uniform(0.0, options.height))
+            if top > 1e-4:
+                _box(spec, index, centre, (options.size, options.size), top)
+                index += 1
+
+
+def _steps(spec: mujoco.MjSpec, options: TerrainOptions, rng: np.random.Generator) -> None:
+    """Stairs up along +x, each step of the same height and depth, with a landing at the top."""
+    _flat(spec, options, rng)
+    count = int(options.length / options.size)
+    for step in range(count):
+        start = 0.8 + step * options.size
+        depth = options.size if step < count - 1 else 4.0
+        _box(spec, step, (start + depth / 2, 0.0), (depth, 4.0), (step + 1) * options.height)
+
+
+Builder = Callable[[mujoco.MjSpec, TerrainOptions, np.random.Generator], None]
+
+KINDS_TABLE: dict[str, Builder] = {
+    "flat": _flat,
+    "slope": _slope,
+    "tiles": _tiles,
+    "steps": _steps,
+}
+"""Builder of each kind of ground: a new terrain is a function and a row here."""
+
+KINDS = tuple(KINDS_TABLE)

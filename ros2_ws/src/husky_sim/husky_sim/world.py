@@ -1,0 +1,350 @@
+"""The MuJoCo world: robot, ground, and one tick of physics with the drives' servo law in it."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from husky_description.graph import TICK_PERIOD_NS
+from husky_description.mujoco_model import build_spec
+from husky_description.robot import Robot
+from husky_sim import terrain
+from husky_sim.motor import Servos, ServoTiming
+
+Array = NDArray[np.float64]
+
+IMU_PERIOD_NS = 1_250_000
+"""Period of the VN-200's output [ns]: 800 Hz (thesis T4)."""
+
+
+@dataclass(frozen=True)
+class ContactPreset:
+    """How the ground answers a foot.
+
+    Attributes:
+        solref: MuJoCo's contact parameters: time constant [s] and damping ratio, or minus
+            stiffness [N/m] and minus damping [N s/m] when negative.
+        friction: sliding friction coefficient. MuJoCo has one coefficient for a pair of geoms, so
+            of the thesis's static and dynamic figures this is the dynamic one.
+        source: where the numbers come from.
+    """
+
+    solref: tuple[float, float]
+    friction: float
+    source: str
+
+
+CONTACT_PRESETS = {
+    "stiff": ContactPreset(
+        (0.005, 1.0), 0.7, "about 6.6e4 N/m: hard floor, friction of thesis ch. 5"
+    ),
+    "lab": ContactPreset((-8000.0, -250.0), 0.54, "the lab's reduced-order code: k 8000, d 250"),
+    "thesis_model": ContactPreset(
+        (-100.0, -1000.0), 1.0, "thesis ch. 4: 100 N/m, 1e3 N s/m; a standing robot sinks by 0.2 m"
+    ),
+    "thesis_results": ContactPreset(
+        (-5000.0, -200.0),
+        0.7,
+        "thesis ch. 5: 5e-3 N/mm/mm^2 read as 5000 N/m per unit; its damping 2e-10 has no usable"
+        " unit, 200 N s/m is taken",
+    ),
+}
+"""Named sets of T27, whose figures disagree in the thesis."""
+
+
+@dataclass(frozen=True)
+class WorldOptions:
+    """What world to build.
+
+    Attributes:
+        terrain: the ground.
+        contact: name in `CONTACT_PRESETS`.
+        friction: sliding friction, or None for the preset's.
+        timestep: physics step [s]; must divide the tick of 2 ms.
+        keyframe: initial posture, "sit" or "stand".
+        seed: of terrain and devices.
+    """
+
+    terrain: terrain.TerrainOptions = field(default_factory=terrain.TerrainOptions)
+    contact: str = "stiff"
+    friction: float | None = None
+    timestep: float = 0.0005
+    keyframe: str = "sit"
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be simulated.
+
+        Raises:
+            ValueError: naming the option, its value and what is allowed.
+        """
+        if self.contact not in CONTACT_PRESETS:
+            raise ValueError(
+                f"contact is {self.contact!r}, it must be one of {', '.join(CONTACT_PRESETS)}"
+            )
+        if self.friction is not None and not 0.0 < self.friction <= 5.0:
+            raise ValueError(f"friction is {self.friction}, it must be above 0 and at most 5")
+        ticks = TICK_PERIOD_NS / 1e9 / self.timestep if self.timestep > 0 else 0.0
+        if not 1.0 <= ticks <= 100.0 or abs(ticks - round(ticks)) > 1e-9:
+            raise ValueError(
+                f"timestep is {self.timestep} s, it must divide the tick of 2 ms: 0.002, 0.001, "
+                "0.0005, 0.00025, ..."
+            )
+
+
+def build_scene(robot: Robot, options: WorldOptions) -> mujoco.MjSpec:
+    """Return the robot in its world: ground, light, sky."""
+    spec = build_spec(robot)
+    preset = CONTACT_PRESETS[options.contact]
+    spec.option.timestep = options.timestep
+    spec.visual.headlight.ambient = [0.35, 0.35, 0.35]
+    spec.visual.headlight.diffuse = [0.5, 0.5, 0.5]
+    spec.visual.global_.offwidth = 1280
+    spec.visual.global_.offheight = 720
+    spec.add_texture(
+        name="sky",
+        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+        rgb1=[0.75, 0.83, 0.92],
+        rgb2=[1.0, 1.0, 1.0],
+        width=256,
+        height=256,
+    )
+    _ground_material(spec, "ground", [0.93, 0.93, 0.92], [0.86, 0.87, 0.88])
+    _ground_material(spec, "tile", [0.80, 0.76, 0.68], [0.74, 0.70, 0.62])
+    spec.worldbody.add_light(
+        pos=[0.0, 0.0, 4.0],
+        dir=[0.3, 0.2, -1.0],
+        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
+        castshadow=True,
+    )
+    for name, kind in (
+        ("imu_orientation", mujoco.mjtSensor.mjSENS_FRAMEQUAT),
+        ("imu_gyro", mujoco.mjtSensor.mjSENS_GYRO),
+        ("imu_accelerometer", mujoco.mjtSensor.mjSENS_ACCELEROMETER),
+    ):
+        spec.add_sensor(name=name, type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname="imu")
+    terrain.build(spec, options.terrain, options.seed)
+    friction = preset.friction if options.friction is None else options.friction
+    for geom in spec.geoms:
+        if geom.name.startswith(terrain.FLOOR):
+            # The ground decides alone (priority), so that one number is the friction of a run.
+            geom.priority = 1
+            geom.condim = 3
+            geom.friction = [friction, 0.005, 0.0001]
+            geom.solref = list(preset.solref)
+    return spec
+
+
+def _ground_material(spec: mujoco.MjSpec, name: str, dark: list[float], light: list[float]) -> None:
+    """A checkered material with squares of 0.5 m."""
+    spec.add_texture(
+        name=name,
+        type=mujoco.mjtTexture.mjTEXTURE_2D,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER,
+        rgb1=dark,
+        rgb2=light,
+        width=512,
+        height=512,
+    )
+    material = spec.add_material(name=name, texrepeat=[1.0, 1.0], texuniform=True)
+    material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = name
+
+
+class ImuSample(NamedTuple):
+    """What an ideal IMU at the robot's IMU site feels; plain floats, because it is hot.
+
+    Attributes:
+        time_ns: when it was due [ns].
+        orientation: of the IMU in world, quaternion (x, y, z, w).
+        angular_velocity: in the IMU's axes [rad/s] (3,).
+        specific_force: in the IMU's axes [m/s^2] (3,).
+    """
+
+    time_ns: int
+    orientation: tuple[float, float, float, float]
+    angular_velocity: list[float]
+    specific_force: list[float]
+
+
+class World:
+    """The simulated world, advanced by ticks of 2 ms.
+
+    Attributes:
+        model: compiled MuJoCo model.
+        data: its state.
+        scene_xml: the world as MuJoCo XML, to look at or to render recordings with.
+        time_ns: simulated time [ns].
+        servos: the drives' power stages, evaluated between physics steps.
+    """
+
+    def __init__(self, robot: Robot, options: WorldOptions):
+        """Build the world and put the robot into its initial posture."""
+        self.robot = robot
+        self.options = options
+        spec = build_scene(robot, options)
+        self.model = spec.compile()
+        self.scene_xml = spec.to_xml()
+        self.data = mujoco.MjData(self.model)
+        self.servos = Servos(robot, ServoTiming(step=options.timestep), options.seed)
+        self._substeps = round(TICK_PERIOD_NS / 1e9 / options.timestep)
+        self._step_ns = TICK_PERIOD_NS // self._substeps
+        self._base = self.model.body("base").id
+        # Views of MuJoCo's memory: free joint first, then the 12 joints in joint order.
+        self.joint_position: Array = self.data.qpos[7:19]
+        self.joint_velocity: Array = self.data.qvel[6:18]
+        self.servos.torque = self.data.ctrl[:12]
+        self._imu_orientation = self._sensor("imu_orientation")
+        self._imu_gyro = self._sensor("imu_gyro")
+        self._imu_accelerometer = self._sensor("imu_accelerometer")
+        self._foot_geoms = {
+            self.model.geom(f"{leg}_foot").id: index for index, leg in enumerate(robot.legs)
+        }
+        self.reset(options.keyframe)
+
+    def _sensor(self, name: str) -> Array:
+        sensor = self.model.sensor(name)
+        view: Array = self.data.sensordata[sensor.adr[0] : sensor.adr[0] + sensor.dim[0]]
+        return view
+
+    def reset(self, keyframe: str) -> None:
+        """Put the robot into a keyframe at time zero.
+
+        Raises:
+            ValueError: no such keyframe.
+        """
+        names = [self.model.key(i).name for i in range(self.model.nkey)]
+        if keyframe not in names:
+            raise ValueError(f"keyframe is {keyframe!r}, it must be one of {', '.join(names)}")
+        mujoco.mj_resetDataKeyframe(self.model, self.data, self.model.key(keyframe).id)
+        mujoco.mj_forward(self.model, self.data)
+        self.time_ns = 0
+        self._next_imu_ns = 0
+        self._push_until_ns = 0
+        self._push_body = self._base
+        self._hash = hashlib.sha256()
+        self.servos.reset()
+        self.servos.update_state(self.joint_position)
+
+    def step_tick(self) -> list[ImuSample]:
+        """Advance by 2 ms; return the IMU samples that were due meanwhile."""
+        samples: list[ImuSample] = []
+        model, data, servos = self.model, self.data, self.servos
+        position, velocity = self.joint_position, self.joint_velocity
+        if self._push_until_ns and self.time_ns >= self._push_until_ns:
+            data.xfrc_applied[self._push_body] = 0.0
+            self._push_until_ns = 0
+        now = self.time_ns
+        step_servos, step_physics = servos.step, mujoco.mj_step
+        for _ in range(self._substeps):
+            step_servos(position, velocity)
+            step_physics(model, data)
+            now += self._step_ns
+            # Sensors now hold the state at the start of the step, the newest that a sample that is
+            # due before its end can have.
+            if self._next_imu_ns < now:
+                samples.append(self._imu_sample())
+        self.time_ns = now
+        servos.update_state(position)
+        self._hash.update(data.qpos)
+        self._hash.update(data.qvel)
+        return samples
+
+    def _imu_sample(self) -> ImuSample:
+        time_ns = self._next_imu_ns
+        self._next_imu_ns += IMU_PERIOD_NS
+        w, x, y, z = self._imu_orientation.tolist()
+        return ImuSample(
+            time_ns, (x, y, z, w), self._imu_gyro.tolist(), self._imu_accelerometer.tolist()
+        )
+
+    def push(self, body: str, force: Array, torque: Array, duration: float) -> None:
+        """Apply a wrench to a body from the next tick on.
+
+        Args:
+            body: body name, empty for the base.
+            force: at the body's centre of mass, in world [N].
+            torque: in world [N m].
+            duration: [s], rounded up to ticks.
+
+        Raises:
+            ValueError: unknown body, numbers that are not finite, or a duration out of range.
+        """
+        name = body or "base"
+        names = [self.model.body(i).name for i in range(1, self.model.nbody)]
+        if name not in names:
+            raise ValueError(f"body is {name!r}, it must be one of {', '.join(names)}")
+        wrench = np.concatenate((force, torque))
+        if not np.all(np.isfinite(wrench)) or np.any(np.abs(wrench) > 1e4):
+            raise ValueError(f"wrench is {wrench}, it must be finite and below 1e4 N and N m")
+        if not 0.0 < duration <= 60.0:
+            raise ValueError(f"duration is {duration} s, it must be above 0 and at most 60")
+        self.data.xfrc_applied[self._push_body] = 0.0
+        self._push_body = self.model.body(name).id
+        self.data.xfrc_applied[self._push_body] = wrench
+        ticks = int(np.ceil(duration * 1e9 / TICK_PERIOD_NS - 1e-9))
+        self._push_until_ns = self.time_ns + ticks * TICK_PERIOD_NS
+
+    @property
+    def trajectory_sha256(self) -> str:
+        """Digest of every state since the last reset."""
+        return self._hash.hexdigest()
+
+    @property
+    def base_position(self) -> Array:
+        """Base origin in world [m], shape (3,)."""
+        position: Array = self.data.qpos[0:3]
+        return position
+
+    @property
+    def base_orientation(self) -> Array:
+        """Base in world, quaternion (x, y, z, w)."""
+        w, x, y, z = self.data.qpos[3:7]
+        return np.array((x, y, z, w))
+
+    @property
+    def base_velocity(self) -> Array:
+        """Velocity of the base origin in world [m/s], shape (3,)."""
+        velocity: Array = self.data.qvel[0:3]
+        return velocity
+
+    def base_velocity_in_base(self) -> Array:
+        """Return the velocity of the base origin in base axes [m/s], shape (3,)."""
+        inverse, velocity = np.empty(4), np.empty(3)
+        mujoco.mju_negQuat(inverse, self.data.qpos[3:7])
+        mujoco.mju_rotVecQuat(velocity, self.data.qvel[0:3], inverse)
+        return velocity
+
+    @property
+    def base_angular_velocity(self) -> Array:
+        """Angular velocity in base axes [rad/s], shape (3,)."""
+        velocity: Array = self.data.qvel[3:6]
+        return velocity
+
+    def center_of_mass(self) -> Array:
+        """Return the centre of mass of the whole robot in world [m], shape (3,)."""
+        center: Array = self.data.subtree_com[self._base]
+        return center
+
+    def foot_positions(self) -> Array:
+        """Return the foot centres in world [m], shape (4, 3)."""
+        return np.array([self.data.geom_xpos[geom] for geom in self._foot_geoms])
+
+    def foot_forces(self) -> Array:
+        """Return the force of everything on each foot, in world [N], shape (4, 3)."""
+        forces = np.zeros((4, 3))
+        wrench = np.zeros(6)
+        for index in range(self.data.ncon):
+            contact = self.data.contact[index]
+            for geom, sign in ((contact.geom1, -1.0), (contact.geom2, 1.0)):
+                leg = self._foot_geoms.get(int(geom))
+                if leg is not None:
+                    mujoco.mj_contactForce(self.model, self.data, index, wrench)
+                    # Rows of the contact frame are its axes; the force acts on geom2.
+                    forces[leg] += sign * contact.frame.reshape(3, 3).T @ wrench[:3]
+        return forces

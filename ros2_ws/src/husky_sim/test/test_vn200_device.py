@@ -1,0 +1,447 @@
+"""The emulated VN-200: what it says, what it refuses, and whether its noise is what was ordered."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from husky_description.robot import load_robot
+from husky_drivers.vn200_binary import IMU_LAYOUT
+from husky_drivers.vn200_imu import ImuFigures, swap_body, swap_world_and_body
+from husky_drivers.vn200_protocol import AsciiMessage, Checksum, decode_ascii, encode_ascii
+from husky_drivers.vn200_stream import BinaryPacket, StreamParser
+from husky_sim.vn200_device import Vn200Device, Vn200Options
+
+FIGURES = ImuFigures.of(load_robot().imu)
+SILENT = dataclasses.replace(
+    FIGURES,
+    gyro_noise_density=0.0,
+    accel_noise_density=0.0,
+    gyro_bias=0.0,
+    accel_bias=0.0,
+    tilt_error=0.0,
+    heading_error=0.0,
+)
+LEVEL = ((0.0, 0.0, 0.0, 1.0), (0.0, 0.0, 0.0), (0.0, 0.0, 9.81))
+PERIOD = 1_250_000
+
+
+class Bench:
+    """A device at its own baud rate, and a host that reads everything."""
+
+    def __init__(self, figures=SILENT, seed=0, **options):
+        self.device = Vn200Device(figures, seed, Vn200Options(**options))
+        self.tick = 0
+
+    def say(self, body, checksum=Checksum.XOR):
+        """Return the lines of the answer to a request such as "VNRRG,1"."""
+        return self.send(encode_ascii(body, checksum))
+
+    def send(self, data):
+        self.device.feed(data)
+        return self.device.take_output().decode("latin-1").split("\r\n")[:-1]
+
+    def run(self, ticks, pose=LEVEL):
+        """Return the output of so many samples."""
+        output = b""
+        for _ in range(ticks):
+            self.tick += 1
+            self.device.sample(self.tick * PERIOD, *pose)
+            output += self.device.take_output()
+        return output
+
+    def stream(self):
+        """Set the driver's output up."""
+        self.say("VNWRG,06,0")
+        self.say("VNWRG,05,921600")
+        assert self.say("VNWRG,75,1,1,01,0131") == ["$VNWRG,75,1,1,01,0131*76"]
+        return self
+
+
+def packets(data):
+    return [m.values for m in StreamParser(IMU_LAYOUT).feed(data) if isinstance(m, BinaryPacket)]
+
+
+# Dialogue ---------------------------------------------------------------------------------------
+def test_power_on_is_yaw_pitch_roll_at_40_hz_and_115200_baud():
+    bench = Bench()
+    assert bench.device.baud == 115200
+    lines = bench.run(800, ((0.0, 0.0, 0.0, 1.0), LEVEL[1], LEVEL[2])).split(b"\r\n")[:-1]
+    assert len(lines) == 40
+    assert lines[0] == b"$VNYPR,+090.000,+000.000,+000.000*63"  # along x of ENU is east
+    assert not bench.device.streaming
+
+
+def test_euler_angles_are_those_of_the_rotation():
+    rotation = Rotation.from_euler("ZYX", [43.5787, 1.8847, -5.9], degrees=True)
+    pose = (swap_world_and_body(tuple(rotation.as_quat())), LEVEL[1], LEVEL[2])
+    line = Bench().run(20, pose)
+    assert decode_ascii(line).fields == ("+043.579", "+001.885", "-005.900")
+
+
+@pytest.mark.parametrize(
+    ("request_body", "reply"),
+    [
+        ("VNRRG,01", "$VNRRG,01,VN-200T-CR*31"),
+        ("VNRRG,1", "$VNRRG,1,VN-200T-CR*01"),
+        ("VNRRG,05", "$VNRRG,05,115200*5D"),
+        ("VNRRG,07", "$VNRRG,07,40*5C"),
+        ("VNRRG,30", "$VNRRG,30,0,0,0,0,1,0,1*6C"),
+        ("VNWRG,06,0", "$VNWRG,06,0*6C"),
+        ("VNWRG,07,40", "$VNWRG,07,40*59"),
+        ("VNWRG,07,200", "$VNWRG,07,200*6F"),
+        ("VNWRG,05,921600", "$VNWRG,05,921600*53"),
+        ("VNWRG,5,9600", "$VNERR,0C*02"),  # too slow for YPR at 40 Hz
+        ("VNASY,0", "$VNASY,0*4F"),
+        ("VNASY,1", "$VNASY,1*4E"),
+        ("VNWNV", "$VNWNV*57"),
+        ("VNRFS", "$VNRFS*5F"),
+        ("VNRST", "$VNRST*4D"),
+        ("VNTAR", "$VNTAR*5F"),
+    ],
+)
+def test_replies_are_the_published_ones(request_body, reply):
+    assert Bench().say(request_body) == [reply]
+
+
+@pytest.mark.parametrize(
+    ("request_body", "code"),
+    [
+        ("VNXXX", 4),
+        ("VNKMD,1", 4),
+        ("VNWRG,06", 5),
+        ("VNRRG", 5),
+        ("VNWRG,75,1,1,01", 5),
+        ("VNWRG,06,0,1,1", 6),
+        ("VNRRG,01,1", 6),
+        ("VNWNV,1", 6),
+        ("VNWRG,05,100000", 7),
+        ("VNWRG,06,99", 7),
+        ("VNWRG,07,3", 7),
+        ("VNWRG,75,1,1,01,8000", 7),
+        ("VNWRG,75,1,1,08,0001", 7),  # no GPS in the emulator, and it says so
+        ("VNASY,2", 7),
+        ("VNRRG,x", 7),
+        ("VNRRG,99", 8),
+        ("VNWRG,01,VN-300", 9),
+        ("VNWRG,08,0,0,0", 9),
+        ("VNWRG,75,1,1,01,0131", 12),  # 432 kbit/s at 115200 baud
+    ],
+)
+def test_refusals_have_the_published_codes(request_body, code):
+    bench = Bench()
+    before = bench.say("VNRRG,75") + bench.say("VNRRG,06") + bench.say("VNRRG,05")
+    (line,) = bench.say(request_body)
+    assert decode_ascii(line.encode()) == AsciiMessage("ERR", (f"{code:02X}",))
+    assert bench.say("VNRRG,75") + bench.say("VNRRG,06") + bench.say("VNRRG,05") == before
+
+
+def test_damaged_and_overlong_lines():
+    bench = Bench()
+    assert bench.send(b"$VNRRG,1*00\r\n") == ["$VNERR,03*72"]
+    assert bench.send(b"$" + b"A" * 300) == ["$VNERR,02*73"]
+    assert bench.send(b"\xff" * 300) == []
+    assert bench.send(b"noise" + encode_ascii("VNRRG,05")) == ["$VNRRG,05,115200*5D"]
+    assert bench.send(b"$VNRR") == []
+    assert bench.send(b"G,05*XX\r\n") == ["$VNRRG,05,115200*5D"]
+
+
+def test_replies_are_secured_as_the_request_was():
+    (line,) = Bench().say("VNRRG,05", Checksum.CRC16)
+    assert decode_ascii(line.encode()) == AsciiMessage("RRG", ("05", "115200"), Checksum.CRC16)
+
+
+def test_unasked_output_is_secured_as_register_30_says():
+    bench = Bench()
+    bench.say("VNWRG,30,0,0,0,0,2,0,1")
+    assert decode_ascii(bench.run(20)).checksum is Checksum.CRC16
+
+
+def test_error_modes():
+    bench = Bench()
+    bench.say("VNWRG,30,0,0,0,0,1,0,0")
+    assert bench.say("VNXXX") == []
+    bench.say("VNWRG,30,0,0,0,0,1,0,2")
+    assert bench.say("VNXXX") == ["$VNERR,04*75"]
+    assert bench.run(800) == b""
+
+
+def test_a_port_number_is_echoed_only_when_it_was_given():
+    bench = Bench()
+    assert bench.say("VNWRG,06,2,1") == [encode_ascii("VNWRG,06,2,1").decode().strip()]
+    assert bench.say("VNRRG,06") == [encode_ascii("VNRRG,06,2").decode().strip()]
+    bench.say("VNWRG,06,0,2")  # the other port
+    assert bench.say("VNRRG,06") == [encode_ascii("VNRRG,06,2").decode().strip()]
+
+
+@pytest.mark.parametrize(
+    ("kind", "line"),
+    [
+        (2, "$VNQTN,+0.000000,+0.000000,+0.707107,+0.707107"),
+        (11, "$VNACC,+00.000,-00.000,-09.810"),
+        (12, "$VNGYR,+00.000000,-00.000000,-00.000000"),
+    ],
+)
+def test_other_ascii_messages(kind, line):
+    bench = Bench()
+    bench.say(f"VNWRG,06,{kind}")
+    assert bench.run(20).decode().split("*")[0] == line
+    register = {2: "09", 11: "18", 12: "19"}[kind]
+    assert bench.say(f"VNRRG,{register}")[0].split("*")[0] == f"$VNRRG,{register},{line[7:]}"
+
+
+def test_binary_output_of_other_groups():
+    bench = Bench()
+    bench.say("VNWRG,06,0")
+    bench.say("VNWRG,76,1,80,16,0001,0600,0006")
+    (message,) = StreamParser().feed(bench.run(80))
+    assert message.layout.fields == (
+        "time.time_startup",
+        "imu.accel",
+        "imu.angular_rate",
+        "attitude.yaw_pitch_roll",
+        "attitude.quaternion",
+    )
+    assert message.values[0] == 80 * PERIOD
+    assert message.values[1:4] == pytest.approx((0, 0, -9.81))
+    assert message.values[7] == pytest.approx(90.0)
+
+
+def test_the_reply_to_a_change_of_rate_goes_out_before_it():
+    bench = Bench()
+    bench.device.feed(encode_ascii("VNWRG,05,921600"))
+    assert bench.device.take_output() == b"$VNWRG,05,921600*53\r\n"
+    assert bench.device.baud == 115200
+    bench.device.take_output()
+    assert bench.device.baud == 921600
+
+
+def test_or_behind_it():
+    bench = Bench(replies_at_new_baud=True)
+    bench.device.feed(encode_ascii("VNWRG,05,921600"))
+    assert bench.device.take_output() == b"$VNWRG,05,921600*53\r\n"
+    assert bench.device.baud == 921600
+
+
+def test_settings_survive_a_reset_only_when_saved():
+    bench = Bench(reset_time=0.01).stream()
+    bench.say("VNWNV")
+    bench.say("VNWRG,00,tag")
+    bench.say("VNRST")
+    assert bench.run(7) == b""  # still starting
+    assert bench.say("VNRRG,00") == []
+    assert len(packets(bench.run(10))) > 5
+    assert bench.say("VNRRG,00") == [encode_ascii("VNRRG,00,").decode().strip()]
+    bench.say("VNRFS")
+    bench.run(10)
+    assert bench.device.baud == 115200
+    assert bench.say("VNRRG,75") == [encode_ascii("VNRRG,75,0,1,00").decode().strip()]
+
+
+@pytest.mark.parametrize("restarts", [False, True])
+def test_a_reset_restarts_the_clock_if_wanted(restarts):
+    bench = Bench(reset_restarts_clock=restarts, reset_time=0.01).stream()
+    bench.run(100)
+    bench.say("VNWNV")
+    bench.say("VNRST")
+    first = packets(bench.run(10))[0][0]
+    assert first == (8 * PERIOD if restarts else 108 * PERIOD)
+
+
+def test_pause_and_resume():
+    bench = Bench().stream()
+    bench.say("VNASY,0")
+    assert not bench.device.streaming
+    assert bench.run(10) == b""
+    bench.say("VNASY,1")
+    assert bench.device.streaming
+    assert len(packets(bench.run(10))) == 10
+
+
+def test_tare_makes_the_present_attitude_the_reference():
+    bench = Bench().stream()
+    tilted = (tuple(Rotation.from_euler("xyz", [0.3, 0.2, 1.0]).as_quat()), LEVEL[1], LEVEL[2])
+    bench.run(1, tilted)
+    bench.say("VNTAR")
+    (values,) = packets(bench.run(1, tilted))
+    assert np.abs(values[1:5]) == pytest.approx([0, 0, 0, 1], abs=1e-6)
+    (values,) = packets(bench.run(1))
+    turned = Rotation.from_quat(values[1:5]).magnitude()
+    expected = Rotation.from_euler("xyz", [0.3, 0.2, 1.0]).magnitude()
+    assert turned == pytest.approx(expected, abs=1e-6)
+
+
+def test_output_that_nobody_takes_is_bounded_and_reported():
+    bench = Bench().stream()
+    for tick in range(1000):
+        bench.device.sample(tick * PERIOD, *LEVEL)
+    assert len(bench.device.take_output()) <= 2048 + 54
+    assert bench.device.take_output() == b"$VNERR,0B*03\r\n"
+
+
+@settings(deadline=None)
+@given(
+    st.lists(
+        st.one_of(
+            st.binary(max_size=60),
+            st.tuples(
+                st.sampled_from(["RRG", "WRG", "ASY", "TAR", "RST", "RFS", "WNV", "XYZ"]),
+                st.lists(st.text("0123456789ABCDEF.-", max_size=6), max_size=6),
+            ).map(lambda m: AsciiMessage(m[0], tuple(m[1])).encode()),
+        ),
+        max_size=20,
+    )
+)
+def test_no_bytes_of_the_host_break_it(chunks):
+    bench = Bench()
+    for chunk in chunks:
+        bench.device.feed(chunk)
+        bench.run(1)
+    bench.run(100)
+    bench.device.feed(b"\r\n")
+    bench.device.take_output()
+    bench.say("VNWRG,30,0,0,0,0,1,0,1")
+    assert bench.say("VNRRG,01") == ["$VNRRG,01,VN-200T-CR*31"]
+
+
+# Measurement ------------------------------------------------------------------------------------
+def test_axes_by_rotation_matrices():
+    """World ENU and body FLU go in; NED and FRD come out, checked by matrices."""
+    bench = Bench().stream()
+    ned = np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1]])
+    frd = np.diag([1, -1, -1])
+    generator = np.random.default_rng(5)
+    for rotation in Rotation.random(30, random_state=5):
+        rate, force = generator.normal(size=3), 9.81 * generator.normal(size=3)
+        pose = (tuple(rotation.as_quat()), tuple(rate), tuple(force))
+        (values,) = packets(bench.run(1, pose))
+        attitude = Rotation.from_quat(values[1:5]).as_matrix()
+        assert np.allclose(attitude, ned @ rotation.as_matrix() @ frd, atol=1e-6)  # float32
+        assert np.allclose(values[5:8], frd @ rate, atol=1e-6)
+        assert np.allclose(values[8:11], frd @ force, atol=1e-5)
+
+
+def test_arrays_are_taken_too():
+    bench = Bench().stream()
+    as_arrays = tuple(np.array(part) for part in LEVEL)
+    assert bench.run(1, as_arrays)[12:] == Bench().stream().run(1)[12:]
+
+
+def test_values_beyond_the_range_saturate():
+    bench = Bench().stream()
+    (values,) = packets(bench.run(1, (LEVEL[0], (1e6, -1e300, 0.0), (math.inf, -1e9, math.nan))))
+    assert values[5:7] == pytest.approx((FIGURES.gyro_range, FIGURES.gyro_range))
+    assert values[8:10] == pytest.approx((FIGURES.accel_range, FIGURES.accel_range))
+
+
+def test_the_same_seed_gives_the_same_bytes_whatever_is_said():
+    first, second, third = (Bench(FIGURES, seed).stream() for seed in (7, 7, 8))
+    second.say("VNASY,0")
+    silent = second.run(50)
+    second.say("VNASY,1")
+    data = first.run(200)
+    assert silent == b""
+    assert data[50 * 54 :] == second.run(150)
+    assert data != third.run(200)
+
+
+def test_a_world_that_starts_again_gives_the_same_bytes_and_keeps_the_settings():
+    bench = Bench(FIGURES, 7).stream()
+    first = bench.run(900)
+    bench.device.restart(7)
+    bench.tick = 0
+    assert bench.run(900) == first
+    bench.device.restart(8)
+    bench.tick = 0
+    assert bench.run(900) != first
+
+
+# Noise ------------------------------------------------------------------------------------------
+def test_the_reported_attitude_is_off_by_the_figures():
+    errors = []
+    truth = Rotation.from_euler("xyz", [0.1, -0.2, 2.0])
+    for seed in range(300):
+        bench = Bench(FIGURES, seed).stream()
+        (values,) = packets(bench.run(1, (tuple(truth.as_quat()), LEVEL[1], LEVEL[2])))
+        reported = Rotation.from_quat(swap_world_and_body(values[1:5]))
+        errors.append((reported * truth.inv()).as_rotvec())
+    rms = np.sqrt((np.array(errors) ** 2).mean(axis=0))
+    assert rms[:2] == pytest.approx([FIGURES.tilt_error] * 2, rel=0.15)
+    assert rms[2] == pytest.approx(FIGURES.heading_error, rel=0.15)
+
+
+def test_noise_reaches_the_right_numbers():
+    """Rates and forces on the wire scatter by the figures, about what was put in."""
+    bench = Bench(FIGURES, 2).stream()
+    values = np.array(packets(bench.run(8000)))
+    rate = np.array([swap_body(row) for row in values[:, 5:8]])
+    force = np.array([swap_body(row) for row in values[:, 8:11]])
+    assert rate.std(axis=0) == pytest.approx([FIGURES.gyro_noise] * 3, rel=0.05)
+    assert force.std(axis=0) == pytest.approx([FIGURES.accel_noise] * 3, rel=0.05)
+    assert np.abs(rate.mean(axis=0)).max() < 5 * FIGURES.gyro_bias
+    assert np.abs(force.mean(axis=0) - [0, 0, 9.81]).max() < 5 * FIGURES.accel_bias
+
+
+# Faults -----------------------------------------------------------------------------------------
+def test_faults_do_what_they_say_and_end():
+    clean = Bench(FIGURES, 4).stream().run(400)
+    for fault in ("stop", "flip_bits", "repeat", "garbage", "truncate"):
+        bench = Bench(FIGURES, 4).stream()
+        start = bench.run(100)
+        bench.device.inject(fault)
+        damaged = bench.run(200)
+        bench.device.inject("")
+        end = bench.run(100)
+        assert start + end == clean[: 100 * 54] + clean[300 * 54 :], fault
+        good = packets(damaged)
+        if fault == "stop":
+            assert damaged == b""
+        elif fault == "flip_bits":  # one bit each on average: e^-1 of the packets are whole
+            assert len(good) == pytest.approx(200 * math.exp(-1.0), abs=30)
+        elif fault == "repeat":
+            assert len(good) == 200 and set(good) == {good[0]} == {packets(start)[-1]}
+        elif fault == "garbage":
+            assert len(good) == 200 and len(damaged) > 220 * 54
+        else:
+            assert len(good) == pytest.approx(100, abs=25)
+
+
+def test_faults_come_from_the_seed():
+    def damaged(seed):
+        bench = Bench(SILENT, seed).stream()
+        bench.device.inject("flip_bits")
+        return bench.run(50)
+
+    assert damaged(1) == damaged(1) != damaged(2)
+
+
+def test_a_stopped_device_answers_nothing():
+    bench = Bench()
+    bench.device.inject("stop")
+    assert bench.say("VNRRG,01") == []
+    bench.device.inject("")
+    assert bench.say("VNRRG,01") == ["$VNRRG,01,VN-200T-CR*31"]
+
+
+def test_a_power_cycle_falls_back_to_the_flash_memory():
+    bench = Bench(reset_time=0.01).stream()
+    bench.run(5)
+    bench.device.inject("power_cycle")
+    assert bench.device.baud == 115200
+    bench.run(10)
+    assert b"$VNYPR" in bench.run(40)
+
+
+def test_unknown_faults_are_refused_by_name():
+    device = Vn200Device(SILENT)
+    with pytest.raises(ValueError, match="no fault 'melt'; there are stop, flip_bits, repeat"):
+        device.inject("melt")
+    with pytest.raises(
+        ValueError, match=r"intensity of truncate is 2, it must be within 0 and 1\.0"
+    ):
+        device.inject("truncate", 2)
+    assert "power_cycle" in device.faults

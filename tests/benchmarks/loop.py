@@ -1,0 +1,202 @@
+"""The full walking graph against a bare relay of as many processes, hops and bytes."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import Twist
+from std_srvs.srv import SetBool
+
+from husky_bringup.processes import Processes
+from husky_bringup.scripts import stand_up, walk
+from husky_bringup.session import Session
+from husky_bringup.system import simulated_robot
+from husky_description import graph
+from husky_description.nodes import qos
+
+_RELAY = Path(__file__).with_name("relay.py")
+_RELAY_TICKS = 6000
+
+
+def bench(arguments: list[str]) -> dict[str, Any]:
+    """Walking graph in lockstep: real-time factor, tick over bare relay, CPU, latency."""
+    parser = argparse.ArgumentParser(prog="scripts/bench.sh loop")
+    parser.add_argument("--seconds", type=float, default=12.0, help="wall time measured [s]")
+    parser.add_argument("--rounds", type=int, default=2, help="relay and graph in turn")
+    options = parser.parse_args(arguments)
+    relays, graphs = [], []
+    for number in range(options.rounds):
+        print(f"round {number + 1}: relay", flush=True)
+        relays.append(relay_tick_us(pipelined=True))
+        print(f"round {number + 1}: walking graph", flush=True)
+        graphs.append(lockstep(options.seconds))
+    serial = relay_tick_us(pipelined=False)
+    print("realtime", flush=True)
+    metrics: dict[str, Any] = {key: float(np.median([g[key] for g in graphs])) for key in graphs[0]}
+    metrics["relay_us_p50"] = float(np.median(relays))
+    metrics["tick_over_relay"] = metrics["tick_us_p50"] / metrics["relay_us_p50"]
+    metrics["serial_relay_us_p50"] = serial
+    metrics["tick_over_serial_relay"] = metrics["tick_us_p50"] / serial
+    return {**metrics, **realtime(options.seconds)}
+
+
+def relay_tick_us(*, pipelined: bool) -> float:
+    """Return the median tick of the bare relay [us].
+
+    Args:
+        pipelined: who waits for whom as in the graph, where the frame of tick k carries the command
+            of k - 1; otherwise four hops one after the other.
+    """
+    environment = {**os.environ, "HUSKY_RELAY_PIPELINED": str(int(pipelined))}
+    with contextlib.ExitStack() as stack:
+        for role in (graph.VN200_DRIVER, graph.DRIVE_BRIDGE, graph.LOW_LEVEL_CONTROLLER):
+            process = subprocess.Popen([sys.executable, _RELAY, role], env=environment)
+            stack.callback(process.wait)
+            stack.callback(process.terminate)
+        time.sleep(1.5)
+        result = subprocess.run(
+            [sys.executable, _RELAY, graph.PLANT, str(_RELAY_TICKS)],
+            env=environment,
+            capture_output=True,
+            text=True,
+            check=True,
+            timeout=120,
+        )
+    return float(np.median(json.loads(result.stdout.splitlines()[-1])["tick_us"]))
+
+
+def lockstep(seconds: float) -> dict[str, float]:
+    """Trot in lockstep as fast as it goes; return what was measured."""
+    with tempfile.TemporaryDirectory() as directory, _free_run(Path(directory)) as session:
+        probe = _Probe(session)
+        start, start_cpu = time.monotonic(), cpu_seconds(session.processes, session.specs)
+        start_simulated = probe.simulated()
+        probe.walk_for(seconds)
+        wall = time.monotonic() - start
+        simulated = probe.simulated() - start_simulated
+        cpu = cpu_seconds(session.processes, session.specs)
+        periods = probe.values(graph.PLANT, "period_ms_p50")
+        return {
+            "rtf": simulated / wall,
+            "tick_us_p50": 1e3 * float(np.median(periods)),
+            "tick_us_p99": 1e3 * float(np.median(probe.values(graph.PLANT, "period_ms_p99"))),
+            **{f"cpu_s_per_sim_s_{n}": (cpu[n] - start_cpu[n]) / simulated for n in cpu},
+        }
+
+
+@contextlib.contextmanager
+def _free_run(directory: Path) -> Iterator[Session]:
+    """A trotting robot whose world is not paused."""
+    with Session(directory, record=False) as session:
+        stand_up(session)
+        session.set_gait("trot")
+        walk(session, 2.0, (0.4, 0.0, 0.0))
+        pause = session._node.create_client(SetBool, graph.PLANT_PAUSE)
+        pause.wait_for_service(10.0)
+        future = pause.call_async(SetBool.Request(data=False))
+        while not future.done():
+            session._executor.spin_once(timeout_sec=0.1)
+        yield session
+
+
+class _Probe:
+    """Keeps the robot walking and listens to `/diagnostics`."""
+
+    def __init__(self, session: Session):
+        self._session = session
+        self._seen: dict[tuple[str, str], list[float]] = {}
+        session._node.create_subscription(
+            DiagnosticArray, graph.DIAGNOSTICS, self._on_diagnostics, qos.STATUS
+        )
+
+    def _on_diagnostics(self, array: DiagnosticArray) -> None:
+        for status in array.status:
+            for pair in status.values:
+                with contextlib.suppress(ValueError):
+                    self._seen.setdefault((status.name, pair.key), []).append(float(pair.value))
+
+    def values(self, node: str, key: str) -> list[float]:
+        """What a node reported, without the first report, which may be of the time before."""
+        return self._seen[(node, key)][1:]
+
+    def simulated(self) -> float:
+        """Newest simulated time [s]."""
+        for _ in range(20):
+            self._session._executor.spin_once(timeout_sec=0.0)
+        stamp = self._session.truth.header.stamp
+        return stamp.sec + 1e-9 * stamp.nanosec
+
+    def walk_for(self, seconds: float) -> None:
+        """Command a velocity for a while of wall time [s]."""
+        twist = Twist()
+        twist.linear.x = 0.4
+        end = time.monotonic() + seconds
+        last = 0.0
+        while time.monotonic() < end:
+            if time.monotonic() - last > 0.08:
+                last = time.monotonic()
+                self._session.publish_twist(twist)
+            self._session._executor.spin_once(timeout_sec=0.02)
+
+
+def cpu_seconds(processes: Processes, specs: Any) -> dict[str, float]:
+    """Return the CPU time that each node has used [s]."""
+    tick = os.sysconf("SC_CLK_TCK")
+    used = {}
+    for spec in specs:
+        group = processes.process_group(spec.name)
+        total = 0
+        for entry in Path("/proc").iterdir():
+            if entry.name.isdigit():
+                with contextlib.suppress(OSError, IndexError):
+                    fields = (entry / "stat").read_text().rsplit(")", 1)[1].split()
+                    if int(fields[2]) == group:
+                        total += int(fields[11]) + int(fields[12])
+        used[spec.name] = total / tick
+    return used
+
+
+def realtime(seconds: float) -> dict[str, float]:
+    """Latency from an IMU sample's first byte to the drive target that stands on it, realtime."""
+    import rclpy
+    from rclpy.executors import SingleThreadedExecutor
+
+    seen: dict[str, float] = {}
+
+    def on_diagnostics(array: DiagnosticArray) -> None:
+        for status in array.status:
+            if status.name == graph.PLANT:
+                for pair in status.values:
+                    with contextlib.suppress(ValueError):
+                        seen[pair.key] = float(pair.value)
+
+    context = rclpy.Context()
+    rclpy.init(context=context)
+    with tempfile.TemporaryDirectory() as directory, Processes(logs=Path(directory)) as processes:
+        processes.start_all(simulated_robot("realtime"))
+        node = rclpy.create_node("bench", context=context)
+        node.create_subscription(DiagnosticArray, graph.DIAGNOSTICS, on_diagnostics, qos.STATUS)
+        executor = SingleThreadedExecutor(context=context)
+        executor.add_node(node)
+        end = time.monotonic() + seconds + 5.0
+        while time.monotonic() < end:
+            executor.spin_once(timeout_sec=0.1)
+        node.destroy_node()
+    rclpy.shutdown(context=context)
+    return {
+        "realtime_imu_to_target_ms_p50": seen.get("imu_to_target_ms_p50", float("nan")),
+        "realtime_imu_to_target_ms_p99": seen.get("imu_to_target_ms_p99", float("nan")),
+        "realtime_overruns": seen.get("overruns", float("nan")),
+    }

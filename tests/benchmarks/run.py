@@ -1,0 +1,38 @@
+"""`scripts/bench.sh NAME`: one benchmark, its baseline in the same run; the last line is JSON."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable
+from typing import Any
+
+import control
+import drives
+import loop
+import plant
+
+BENCHES: dict[str, Callable[[list[str]], dict[str, Any]]] = {
+    "loop": loop.bench,
+    "plant": plant.bench,
+    "control": control.bench,
+    "drives": drives.bench,
+}
+
+
+def main(arguments: list[str]) -> int:
+    """Run the benchmark that is named first."""
+    if not arguments or arguments[0] not in BENCHES:
+        print("usage: scripts/bench.sh NAME\n")
+        for name, bench in BENCHES.items():
+            print(f"  {name:<8} {(bench.__doc__ or '').splitlines()[0]}")
+        return 2
+    metrics = BENCHES[arguments[0]](arguments[1:])
+    for key, value in metrics.items():
+        print(f"  {key} = {value:.4g}" if isinstance(value, float) else f"  {key} = {value}")
+    print(json.dumps({"bench": arguments[0], "metrics": metrics}))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,102 @@
+"""The robot in one process, without ROS: world, drives, master, IMU errors, controller.
+
+Each tick does what the graph does, in the graph's order: the frame of tick k carries the command of
+tick k - 1.
+"""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from husky_control.controller import Controller, Measurements
+from husky_description import graph
+from husky_description.robot import load_robot
+from husky_drivers.axes import settings_of
+from husky_drivers.master import Master, Phase
+from husky_drivers.vn200_imu import ImuFigures
+from husky_sim.segment import SimulatedSegment
+from husky_sim.vn200_noise import ImuNoise
+from husky_sim.world import World, WorldOptions
+
+
+class InProcessRobot:
+    """Advances by ticks; keeps how long the controller's ticks took.
+
+    Attributes:
+        world: the simulated world.
+        controller: the pure controller.
+        tick_seconds: wall time of each controller tick [s].
+        refusal: why the drives' master last refused a command, "" when it never did.
+    """
+
+    def __init__(self, options: WorldOptions | None = None):
+        """Power everything on."""
+        robot = load_robot()
+        self.world = World(robot, options or WorldOptions())
+        self.controller = Controller(robot)
+        self._segment = SimulatedSegment(robot)
+        self._master = Master(self._segment, settings_of(robot))
+        self._master.configure()
+        self._master.start()
+        self._noise = ImuNoise(ImuFigures.of(robot.imu), self.world.options.seed)
+        self._measurements = Measurements()
+        self.tick_seconds: list[float] = []
+        self.refusal = ""
+
+    def tick(self) -> None:
+        """Advance by 2 ms."""
+        world, servos, master, m = self.world, self.world.servos, self._master, self._measurements
+        self._segment.set_servo_state(
+            servos.encoder_count, servos.velocity_count, servos.current, servos.bus_voltage
+        )
+        master.exchange()
+        m.joint_position[:] = master.position
+        m.joint_velocity[:] = master.velocity
+        m.joint_torque[:] = master.effort
+        m.joint_age_ticks = 1
+        m.drives_operational = master.phase is Phase.ENABLED
+        m.time = world.time_ns / 1e9
+        start = time.perf_counter()
+        command = self.controller.tick(m)
+        self.tick_seconds.append(time.perf_counter() - start)
+        servo = self._segment.servo_command()
+        servos.set_command(*(np.ascontiguousarray(servo[name]) for name in servo.dtype.names))
+        self.refusal = (
+            master.set_command(
+                command.mode_of_operation, command.position, command.velocity, command.effort
+            )
+            or self.refusal
+        )
+        for sample in world.step_tick():
+            gx, gy, gz, ax, ay, az, hx, hy, hz = self._noise.next()
+            x, y, z, w = sample.orientation
+            q = np.array((x + hx * w, y + hy * w, z + hz * w, w))
+            m.orientation_base_in_world[:] = q / np.linalg.norm(q)
+            m.angular_velocity_base_in_base[:] = np.add(sample.angular_velocity, (gx, gy, gz))
+            m.specific_force_base[:] = np.add(sample.specific_force, (ax, ay, az))
+            m.imu_age = 0.0
+
+    def run(self, duration: float, velocity: tuple[float, float, float] | None = None) -> None:
+        """Advance by a duration [s], with a velocity command (m/s, m/s, rad/s) every 0.2 s."""
+        for index in range(round(duration / graph.TICK_PERIOD)):
+            if velocity is not None and index % 100 == 0:
+                self.controller.set_velocity_command(*velocity)
+            self.tick()
+
+    def stand(self) -> None:
+        """Enable the drives and stand up.
+
+        Raises:
+            RuntimeError: it does not stand.
+        """
+        self.run(0.1)
+        refusal = self._master.enable()
+        self.run(0.2)
+        accepted, message = self.controller.request_mode("stand_up")
+        if refusal or not accepted:
+            raise RuntimeError(f"the robot does not stand up: {refusal or message}")
+        self.run(5.0)
+        if self.controller.mode.value != "stand":
+            raise RuntimeError(f"the robot does not stand: {self.controller.reason}")

@@ -1,0 +1,155 @@
+"""The controller with the simulated robot in one process: standing, trotting, pushes, commands."""
+
+import math
+
+import numpy as np
+import pytest
+from in_process import InProcessRobot
+
+from husky_description import graph
+from husky_description.robot import load_robot
+from husky_sim.world import WorldOptions
+
+SPEED = 0.5
+"""Commanded in these tests [m/s]."""
+
+
+def standing(seed=0):
+    robot = InProcessRobot(WorldOptions(seed=seed))
+    robot.stand()
+    return robot
+
+
+def trotting(robot, duration=1.5):
+    """Let a standing robot trot ahead until it has its speed."""
+    accepted, message = robot.controller.request_mode("walk")
+    assert accepted, message
+    robot.run(duration, (SPEED, 0.0, 0.0))
+    return robot
+
+
+def roll_pitch(robot):
+    """True roll and pitch [rad]."""
+    x, y, z, w = robot.world.base_orientation
+    roll = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+    return roll, math.asin(max(-1.0, min(1.0, 2 * (w * y - z * x))))
+
+
+def heading(robot):
+    """True heading, unit vector (2,) in world."""
+    x, y, z, w = robot.world.base_orientation
+    yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    return np.array([math.cos(yaw), math.sin(yaw)])
+
+
+def walk_on(robot, duration, velocity=(SPEED, 0.0, 0.0)):
+    """Walk on; mean speed along the heading [m/s], and roll and pitch of each tick [rad]."""
+    attitude, way = [], 0.0
+    period = round(0.02 / graph.TICK_PERIOD)
+    for _ in range(round(duration / 0.02)):
+        before, along = robot.world.base_position[:2].copy(), heading(robot)
+        if velocity is not None:
+            robot.controller.set_velocity_command(*velocity)
+        for _ in range(period):
+            robot.tick()
+            attitude.append(roll_pitch(robot))
+        way += float((robot.world.base_position[:2] - before) @ along)
+    return way / duration, np.array(attitude)
+
+
+def assert_walks(robot):
+    assert robot.controller.mode.value == "walk", robot.controller.reason
+    assert robot.controller.counters.faults == 0
+    assert robot.refusal == ""
+
+
+def test_stands_at_the_height_that_is_wanted():
+    robot = standing()
+    wanted = load_robot().stand_height + load_robot().foot_radius
+    assert robot.world.base_position[2] == pytest.approx(wanted, abs=0.01)
+    assert robot.controller.position_base_in_world[2] == pytest.approx(wanted, abs=0.01)
+    assert robot.refusal == ""
+    before = robot.world.base_position.copy()
+    robot.run(0.5)
+    assert np.linalg.norm(robot.world.base_position - before) < 0.001
+    assert robot.controller.contact.all()
+    # The observer's forces, from currents alone, carry the weight to a tenth of it.
+    weight = load_robot().mass * 9.80665
+    assert robot.controller.foot_force_in_world[:, 2].sum() == pytest.approx(weight, rel=0.1)
+
+
+def test_trots_at_its_speed_and_level():
+    robot = trotting(standing())
+    speed, attitude = walk_on(robot, 3.0)
+    assert_walks(robot)
+    assert speed == pytest.approx(SPEED, rel=0.1)
+    rms = np.degrees(np.sqrt((attitude**2).mean(axis=0)))
+    assert rms[0] < 2.0 and rms[1] < 2.0, f"roll and pitch rms are {rms} deg"
+    estimated = robot.controller.velocity_base_in_world
+    # Of the estimator, against the truth at one moment of the gait.
+    assert np.linalg.norm(estimated[:2] - robot.world.base_velocity[:2]) < 0.15
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_lateral_push_is_survived(side):
+    robot = trotting(standing(), 1.0)
+    robot.world.push("", np.array([0.0, side * 60.0, 0.0]), np.zeros(3), 0.1)  # 6 N s
+    _, attitude = walk_on(robot, 2.0)
+    assert_walks(robot)
+    assert np.degrees(np.abs(attitude[:, 0]).max()) > 2.0, "the push was not felt"
+    speed, attitude = walk_on(robot, 0.5)
+    assert np.degrees(np.abs(attitude).max()) < 15.0
+    assert speed > 0.5 * SPEED
+
+
+@pytest.mark.parametrize(
+    ("name", "command"),
+    [
+        ("vx", (math.nan, 0.0, 0.0)),
+        ("vy", (0.2, math.inf, 0.0)),
+        ("yaw_rate", (0.2, 0.0, 9.0)),
+    ],
+)
+def test_a_bad_command_is_refused_whole_and_the_robot_walks_on(walking_robot, name, command):
+    robot = walking_robot
+    controller = robot.controller
+    refused = controller.counters.refused_velocity_commands
+    ramped = controller.commanded_velocity.copy()
+    accepted, message = controller.set_velocity_command(*command)
+    assert not accepted
+    assert message.startswith(f"{name} must be within")
+    assert controller.counters.refused_velocity_commands == refused + 1
+    robot.run(0.2)
+    np.testing.assert_array_equal(controller.commanded_velocity, ramped)
+    speed, _ = walk_on(robot, 0.4)
+    assert_walks(robot)
+    assert speed > 0.5 * SPEED
+
+
+@pytest.fixture(scope="module")
+def walking_robot():
+    return trotting(standing())
+
+
+def test_silence_ends_the_walk_on_four_feet():
+    robot = trotting(standing(), 1.0)
+    controller = robot.controller
+    timeout = controller.parameters["command.timeout"]
+    robot.controller.set_velocity_command(SPEED, 0.0, 0.0)
+    robot.run(timeout - 0.01)
+    assert controller.counters.command_timeouts == 0
+    robot.run(0.02)
+    assert controller.counters.command_timeouts == 1
+    assert controller.reason == "velocity command silent"
+    robot.run(2.5)
+    assert controller.mode.value == "stand", controller.reason
+    assert not controller.counters.faults
+    assert controller.stance.all()
+    assert np.linalg.norm(robot.world.base_velocity) < 0.02
+
+
+def test_one_seed_gives_one_trajectory_to_the_bit():
+    first, again, other = (trotting(standing(seed), 0.5) for seed in (7, 7, 8))
+    assert first.world.data.qpos.tobytes() == again.world.data.qpos.tobytes()
+    assert first.world.trajectory_sha256 == again.world.trajectory_sha256
+    assert first.world.trajectory_sha256 != other.world.trajectory_sha256

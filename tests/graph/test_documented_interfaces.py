@@ -1,0 +1,130 @@
+"""The tables of the documents, and `husky_description.graph`, against the running graph."""
+
+import importlib
+import re
+import time
+from pathlib import Path
+
+import pytest
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from std_srvs.srv import SetBool
+
+from husky_bringup import document
+from husky_bringup.interfaces import all_nodes, running
+from husky_description import graph
+from husky_description.nodes import qos, stamps
+from husky_msgs.srv import StepWorld
+
+pytestmark = pytest.mark.graph
+
+ROOT = Path(__file__).resolve().parents[2]
+UPDATE = "bring them up to date with: . scripts/env.sh; python -m husky_bringup.document"
+MEASURED = 500
+"""Ticks over which rates are counted: one second."""
+
+
+@pytest.fixture(scope="module")
+def reader(domain):
+    """Every node with its defaults, seen from outside."""
+    with running(all_nodes()) as reader:
+        yield reader
+
+
+@pytest.fixture(scope="module")
+def nodes(reader):
+    return reader.read(all_nodes())
+
+
+def test_documents_say_what_the_graph_has(nodes):
+    changed = document.changes(ROOT, nodes)
+    told = [document.difference(*texts, path.name) for path, texts in changed.items()]
+    assert not told, "\n".join([*told, UPDATE])
+
+
+def test_every_node_is_documented(nodes):
+    for node in nodes.values():
+        readme = (ROOT / "ros2_ws/src" / node.package / "README.md").read_text()
+        wanted = {f"interface {node.name}", f"parameters {node.name}"}
+        assert wanted <= set(document.block_names(readme)), f"{node.package}/README.md"
+    overview = document.block_names((ROOT / "docs/graph.md").read_text())
+    assert {"graph", "nodes", "topics", "services"} <= set(overview)
+    assert "graph" in document.block_names((ROOT / "README.md").read_text())
+
+
+def test_nothing_in_the_tables_is_left_unexplained():
+    for path in document.documents(ROOT):
+        for line in path.read_text().splitlines():
+            assert not re.fullmatch(r"\|.*`/.*\|\s*\|", line), f"{path.name}: {line}"
+
+
+def test_every_parameter_has_a_description_and_every_quantity_a_unit(nodes):
+    for node in nodes.values():
+        for parameter in node.parameters:
+            told = f"{parameter.name} of {node.name}: {parameter.description!r}"
+            assert parameter.description, told
+            if isinstance(parameter.value, float):
+                assert document.unit(parameter), f"no unit [...]: {told}"
+                assert parameter.lower is not None, f"no range: {told}"
+
+
+def test_topics_and_services_have_the_names_of_the_table(nodes):
+    found = {t for node in nodes.values() for t in (*node.publishes, *node.subscribes)}
+    assert found == {(topic.name, topic.type) for topic in graph.TOPICS}
+    services = {name for node in nodes.values() for name, _ in node.offers}
+    constants = {name: value for name, value in vars(graph).items() if name.isupper()}
+    named = {v for v in constants.values() if isinstance(v, str) and v.startswith("/")}
+    assert named == {name for name, _ in found} | services
+
+
+def test_topics_have_the_publishers_and_the_quality_of_the_table(reader, nodes):
+    for topic in graph.TOPICS:
+        publishers = {n.name for n in nodes.values() if (topic.name, topic.type) in n.publishes}
+        assert publishers == set(topic.publishers), topic.name
+        wanted = qos.PROFILES[topic.qos]
+        for offered in reader.publisher_qos(topic.name):
+            assert offered.reliability == wanted.reliability, topic.name
+            assert offered.durability == wanted.durability, topic.name
+
+
+class Counter:
+    """Counts the different stamps on a topic, without waking up for each message."""
+
+    def __init__(self, node: Node, topic: graph.Topic):
+        package, _, message = topic.type.split("/")
+        kind = getattr(importlib.import_module(f"{package}.msg"), message)
+        profile = QoSProfile(depth=4000, reliability=qos.PROFILES[topic.qos].reliability)
+        self._subscription = node.create_subscription(kind, topic.name, print, profile)
+        self._stamps: set[int] = set()
+
+    def count(self, since: int) -> int:
+        """Return how many stamps after `since` [ns] have come."""
+        handle, kind = self._subscription.handle, self._subscription.msg_type
+        with handle:
+            while (taken := handle.take_message(kind, False)) is not None:
+                message = taken[0]
+                header = getattr(message, "header", message)
+                self._stamps.add(stamps.to_ns(getattr(header, "stamp", None) or message.clock))
+        return sum(stamp > since for stamp in self._stamps)
+
+
+def test_topics_come_at_the_rates_of_the_table(reader):
+    """In simulated time, which does not depend on the machine."""
+    topics = [t for t in graph.TOPICS if t.rate > 0.0 and t.name != graph.DIAGNOSTICS]
+    ear = Node("ear", context=reader.node.context)  # in no executor
+    counters = {topic.name: Counter(ear, topic) for topic in topics}
+    reader.wait_until(
+        lambda: all(ear.count_publishers(topic.name) for topic in topics), "publishers"
+    )
+    reader.wait(1.0)  # until they know this subscriber
+    reader.call(SetBool, graph.PLANT_PAUSE, SetBool.Request(data=True))
+    start = reader.call(StepWorld, graph.PLANT_STEP, StepWorld.Request(ticks=1))
+    end = reader.call(StepWorld, graph.PLANT_STEP, StepWorld.Request(ticks=MEASURED))
+    assert start.success and end.success, start.message + end.message
+    since = stamps.to_ns(start.stamp)
+    period = (stamps.to_ns(end.stamp) - since) / 1e9
+    time.sleep(0.5)
+    counts = {name: counter.count(since) / period for name, counter in counters.items()}
+    ear.destroy_node()
+    # A window that does not begin with a period of the topic may hold one more or less.
+    assert counts == {topic.name: pytest.approx(topic.rate, abs=2.0) for topic in topics}

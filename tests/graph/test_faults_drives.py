@@ -1,0 +1,125 @@
+"""Drives that fail while the robot trots."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from husky_description import graph
+from husky_description.robot import load_robot
+from husky_msgs.msg import DriveStatus, ServoCommand
+from husky_msgs.srv import ApplyWrench
+
+pytestmark = pytest.mark.graph
+
+JOINTS = load_robot().joint_names
+KNEE = JOINTS[2]
+
+
+def damping_then_off(robot: Any, failed: float, joint: str, brakes_for: float = 0.0) -> float:
+    """One drive is lost, the others damp the robot's fall for 0.3 s, then brake, then all is off.
+
+    Args:
+        robot: it.
+        failed: time of the failure [s].
+        joint: whose drive is lost.
+        brakes_for: time in which the lost drive brakes its own motor [s].
+
+    Returns:
+        Time from the failure until the drive had left position control [s].
+    """
+    s, index = robot.session, JOINTS.index(joint)
+    s.advance(0.7)
+    times, kinds = robot.kinds()
+    lost = times[(kinds[:, index] != ServoCommand.POSITION) & (times >= failed)]
+    assert len(lost), f"{joint} is not lost; last seen: {robot.seen}"
+    after = times - lost[0]
+    gone = after > brakes_for - 1e-9
+    assert (kinds[gone, index] == ServoCommand.TORQUE_OFF).all(), "a drive that is lost stays off"
+    others = np.delete(kinds, index, axis=1)
+    assert (others[(after > 0.003) & (after < 0.29)] == ServoCommand.VELOCITY).all(), "they damp"
+    assert (others[after > 0.4] == ServoCommand.TORQUE_OFF).all(), "and are off after that"
+    assert not s.drives.operational and joint in s.drives.reason, robot.seen
+    assert robot.mode == "damping" and "not operational" in s.state.reason, robot.seen
+    return float(lost[0] - failed)
+
+
+def state_of(robot: Any, joint: str) -> DriveStatus:
+    """Newest state of a joint's drive."""
+    return next(drive for drive in robot.session.drives.drives if drive.joint == joint)
+
+
+def test_drive_fault(trotting, record_property):
+    s = trotting.session
+    failed = trotting.watch()
+    s.inject(graph.DRIVES_INJECT_FAULT, KNEE, "fault:2310")
+    reaction = damping_then_off(trotting, failed, KNEE)
+    record_property("reaction_s", reaction)
+    assert reaction <= 2 * graph.TICK_PERIOD
+    drive = state_of(trotting, KNEE)
+    assert (drive.state, drive.error_code) == ("fault", 0x2310), drive
+    assert not trotting.trigger(graph.DRIVES_RESET_FAULTS)
+    s.advance(0.6)
+    assert state_of(trotting, KNEE).state == "fault", "a fault whose cause lasts cannot be reset"
+    assert KNEE in trotting.trigger(graph.DRIVES_ENABLE)
+    s.inject(graph.DRIVES_INJECT_FAULT, KNEE, "")
+    trotting.recover()
+
+
+def test_safe_torque_off(trotting, record_property):
+    s = trotting.session
+    failed = trotting.watch()
+    s.inject(graph.DRIVES_INJECT_FAULT, KNEE, "sto")
+    reaction = damping_then_off(trotting, failed, KNEE)
+    record_property("reaction_s", reaction)
+    assert reaction <= 2 * graph.TICK_PERIOD
+    assert state_of(trotting, KNEE).safe_torque_off
+    s.set_mode("passive")
+    s.advance(0.1)
+    assert f"safe torque off: {KNEE}" in trotting.trigger(graph.DRIVES_ENABLE)
+    s.inject(graph.DRIVES_INJECT_FAULT, KNEE, "")
+    trotting.recover()
+
+
+def test_following_error(trotting, record_property):
+    """A blow twists a hip with more than its drive has: the joint leaves its window."""
+    s = trotting.session
+    failed = trotting.watch()
+    request = ApplyWrench.Request(body="front_left_hip", duration=0.3)
+    request.wrench.torque.x = 13.0
+    assert s.call(graph.PLANT_APPLY_WRENCH, request).success
+    hip = JOINTS[0]
+    record_property("reaction_s", damping_then_off(trotting, failed, hip, brakes_for=0.1))
+    drive = state_of(trotting, hip)
+    assert (drive.state, drive.error_code) == ("fault", 0x8611), drive
+    trotting.recover()
+
+
+def test_drive_off_the_bus(trotting, record_property):
+    """Frames come back short: none is believed, and torque goes everywhere."""
+    s = trotting.session
+    failed = trotting.watch()
+    s.inject(graph.DRIVES_INJECT_FAULT, KNEE, "silent")
+    s.advance(0.3)
+    record_property("reaction_s", trotting.torque_ends(failed))
+    trotting.all_off(failed)
+    assert s.drives.working_counter < s.drives.expected_working_counter, trotting.seen
+    assert KNEE in s.drives.reason, trotting.seen
+    for node in (graph.PLANT, graph.DRIVE_BRIDGE, graph.LOW_LEVEL_CONTROLLER):
+        assert "lost" not in trotting.reported(node, "").message, "nobody is blamed for it"
+    s.inject(graph.DRIVES_INJECT_FAULT, KNEE, "")
+    trotting.trigger(graph.DRIVES_RESET_FAULTS)
+    trotting.until(lambda: trotting.mode == "damping", "damping after the gap", within=1.0)
+    trotting.recover()
+
+
+def test_emergency_stop(trotting, record_property):
+    s = trotting.session
+    stopped = trotting.watch()
+    assert not trotting.trigger(graph.DRIVES_EMERGENCY_STOP)
+    s.advance(0.3)
+    record_property("reaction_s", trotting.torque_ends(stopped))
+    assert s.drives.emergency_stop and trotting.mode == "damping", trotting.seen
+    s.set_mode("passive")
+    assert "latched" in trotting.trigger(graph.DRIVES_ENABLE)
+    trotting.recover()

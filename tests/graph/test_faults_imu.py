@@ -1,0 +1,73 @@
+"""An IMU or its line that fails while the robot trots."""
+
+import pytest
+
+from husky_description import graph
+
+pytestmark = pytest.mark.graph
+
+REACTION = 0.03
+"""20 ms of age, the sample's own age at the fault, and the tick until the drives have it [s]."""
+
+
+@pytest.mark.parametrize(
+    ("fault", "report"),
+    [
+        ("stop", "stale"),
+        ("repeat", "stale"),
+        ("flip_bits:20", "stale"),
+        ("unplug", "no port"),
+    ],
+)
+def test_imu_lost(trotting, record_property, fault, report):
+    s = trotting.session
+    failed = trotting.watch()
+    s.inject(graph.PLANT_INJECT_FAULT, "imu", fault)
+    trotting.until(lambda: trotting.mode == "damping", "damping", within=0.1)
+    assert "IMU" in s.state.reason, trotting.seen
+    s.advance(0.2)
+    reaction = trotting.damped(failed)
+    record_property("reaction_s", reaction)
+    assert reaction <= REACTION
+    assert s.drives.operational, "damping needs the drives"
+    trotting.reported(graph.LOW_LEVEL_CONTROLLER, "vn200_driver is lost")
+    trotting.reported(graph.VN200_DRIVER, report)
+    s.inject(graph.PLANT_INJECT_FAULT, "imu", "")
+    trotting.reported(graph.VN200_DRIVER, "streaming", "stale")
+    trotting.recover()
+
+
+def test_imu_starts_again(trotting, record_property):
+    """It comes back with the settings of its flash memory: another baud rate, another output."""
+    s = trotting.session
+    failed = trotting.watch()
+    s.inject(graph.PLANT_INJECT_FAULT, "imu", "power_cycle")
+    trotting.until(lambda: trotting.mode == "damping", "damping", within=0.1)
+    s.advance(0.2)
+    reaction = trotting.damped(failed)
+    record_property("reaction_s", reaction)
+    assert reaction <= REACTION
+    trotting.until(
+        lambda: "lost" not in trotting.reported(graph.LOW_LEVEL_CONTROLLER, "").message,
+        "the driver to find the device and set it up by itself",
+        within=2.0,
+        step=0.2,
+    )
+    trotting.recover()
+
+
+def test_line_that_damages_some_packets(trotting, record_property):
+    """Each fifth packet or so is damaged: none of them gets in, and the robot trots on."""
+    s = trotting.session
+    before = _damaged(trotting)
+    s.inject(graph.PLANT_INJECT_FAULT, "imu", "flip_bits:0.2")
+    s.advance(0.5)
+    damaged = _damaged(trotting) - before
+    record_property("damaged", damaged)
+    assert damaged > 20
+    assert trotting.mode == "walk" and trotting.height > 0.5, trotting.seen
+    s.inject(graph.PLANT_INJECT_FAULT, "imu", "")
+
+
+def _damaged(robot):
+    return sum(robot.told(graph.VN200_DRIVER, key) for key in ("crc_errors", "truncated"))
