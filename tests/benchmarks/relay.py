@@ -53,7 +53,7 @@ class Plant(Node):
                 ServoCommand, graph.SERVO_COMMAND, self._on_answer, qos.CONTROL
             )
         ]
-        self._line = os.open(_LINE.format(os.environ["ROS_DOMAIN_ID"]), os.O_RDWR)
+        self._line = os.open(_LINE.format(os.environ.get("ROS_DOMAIN_ID", "0")), os.O_RDWR)
 
     def quiet(self) -> None:
         ready = (
@@ -181,7 +181,7 @@ def relay_imu() -> None:
     import tty
 
     tty.setraw(line)
-    path = _LINE.format(os.environ["ROS_DOMAIN_ID"])
+    path = _LINE.format(os.environ.get("ROS_DOMAIN_ID", "0"))
     if os.path.islink(path):
         os.unlink(path)
     os.symlink(os.ttyname(line), path)

@@ -313,7 +313,9 @@ def new_graph(domain: int, tmp_path_factory: pytest.TempPathFactory) -> NewGraph
             robot.close()
         finally:
             codes = session.close()
-        assert all(code == 0 for code in codes.values()), f"{codes}, see {directory}"
+        for name, code in codes.items():
+            log = directory / f"logs/{name}.log"
+            assert code == 0, f"{codes}, {name} says:\n{log.read_text(errors='replace')[-5000:]}"
         for log in directory.glob("logs/*.log"):
             text = log.read_text(errors="replace")
             assert "Traceback" not in text, f"{log}:\n{text[-3000:]}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import faulthandler
 import gc
 import signal
 import sys
@@ -18,6 +19,10 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 
 from husky_description.nodes.executor import WaitSetExecutor
+
+
+_END_PERIOD = 2.0
+"""Wall time after which a node that was told to end prints where it hangs [s]."""
 
 
 class HotNode(Protocol):
@@ -53,8 +58,14 @@ def run(make_node: Callable[[], HotNode], args: Sequence[str] | None = None) -> 
 
 def _spin(make_node: Callable[[], HotNode]) -> int:
     stop = threading.Event()
+
+    def end(*_: object) -> None:
+        stop.set()
+        # Whoever finds a node that does not end finds in its log where it stands.
+        faulthandler.dump_traceback_later(_END_PERIOD)
+
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stop.set())
+        signal.signal(number, end)
     try:
         node = make_node()
     except (
