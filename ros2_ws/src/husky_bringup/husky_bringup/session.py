@@ -28,10 +28,17 @@ __all__ = ["Session", "SessionError"]
 
 _CHUNK_TICKS = 100
 """Ticks between two messages on /cmd_vel, well below the 0.5 s after which it counts as silent."""
-_REPORT_PERIOD = 0.2
-"""Wall time that a report may be late, after which its node counts as silent [s]."""
+_REPORT_PERIOD = 5.0
+"""Wall time that a report may be late, after which its node counts as silent [s]. One that is lost
+is sent again within 3 s, the middleware's heartbeat."""
 _REPORTS = {graph.GROUND_TRUTH: 10_000_000, graph.CONTROLLER_STATE: 20_000_000}
 """Periods of what nodes report of themselves [ns]."""
+_REPORTERS = {
+    graph.PLANT: graph.GROUND_TRUTH,
+    graph.DRIVE_BRIDGE: graph.CONTROLLER_STATE,
+    graph.LOW_LEVEL_CONTROLLER: graph.CONTROLLER_STATE,
+}
+"""Without whom there is no report: the controller ticks by the joint states."""
 
 
 _SERVICES = {
@@ -207,6 +214,8 @@ class Session(GraphLink):
     def kill(self, node: str) -> None:
         """Kill a node (SIGKILL), and forget what it has said; the others must do without it."""
         super().kill(node)
+        if node in _REPORTERS:
+            self._reported.pop(_REPORTERS[node], None)
         if node == graph.LOW_LEVEL_CONTROLLER:
             self.state = None
         elif node == graph.DRIVE_BRIDGE:

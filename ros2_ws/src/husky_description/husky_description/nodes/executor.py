@@ -31,7 +31,7 @@ _QUIET_NS = 2_000_000
 """Longest wait on hot entities before the rest of the node is looked at [ns]."""
 _IDLE_AFTER = 100
 """Quiet waits in a row after which the full wait set is used."""
-_REST_EVERY = 16
+_REST_EVERY = 64
 """Hot messages between two looks at the rest of the node."""
 _POLL_NS = 50_000_000
 """Longest wait on everything [ns]: bounds the reaction to `stop`."""

@@ -229,7 +229,10 @@ class Plant(Node):
     def _tick(self) -> None:
         world = self._world
         self._tick_clock.start()
-        for sample in world.step_tick():
+        samples = world.step_tick()
+        self._steps_left = max(0, self._steps_left - 1)
+        self._publish_state()  # first: the bridge works while the IMU's bytes are written
+        for sample in samples:
             self._imu.sample(
                 sample.time_ns,
                 sample.orientation,
@@ -239,8 +242,6 @@ class Plant(Node):
             self._imu_sent[sample.time_ns] = time.perf_counter()
         self._imu_port.service(self._imu)
         self._remember_truth()
-        self._steps_left = max(0, self._steps_left - 1)
-        self._publish_state()
         if (world.time_ns // graph.TICK_PERIOD_NS) % _TRUTH_EVERY == 0:
             self._publish_truth()
         self._tick_clock.end()
