@@ -199,11 +199,14 @@ make_environment() { # underlay, python, identity
     fi
 }
 
-# A package that is gone from src, or was built for another environment, must not live on in the install space.
+# A package or an interface that is gone from src must not live on in the install space: rosidl would link to it.
 drop_stale_builds() {
-    local built
-    for built in "$workspace"/build/*/; do
-        [ -d "$built" ] && [ ! -d "$workspace/src/$(basename "$built")" ] || continue
+    local built source
+    for built in "$workspace"/build/*/ "$workspace"/install/share/husky_msgs/{msg,srv}/*.{msg,srv}; do
+        [ -e "$built" ] || continue
+        source="$workspace/src/${built#"$workspace"/install/share/}"
+        [ -f "$built" ] || source="$workspace/src/$(basename "$built")"
+        [ ! -e "$source" ] || continue
         rm -rf "$workspace/build" "$workspace/install"
         return
     done

@@ -9,6 +9,8 @@ from husky_bringup.session import Session
 
 _SITTING_DOWN = 3.0
 """Time that sitting down takes, with a margin [s]."""
+_COMING_TO_REST = 5.0
+"""Longest time that the body may sway before it sits down [s]."""
 
 
 def stand_up(session: Session) -> None:
@@ -18,8 +20,8 @@ def stand_up(session: Session) -> None:
 
 
 def sit_down(session: Session) -> None:
-    """Sit down from standing and take the torque off."""
-    session.set_mode("sit")
+    """Sit down from standing, once the body is at rest, and take the torque off."""
+    session.set_mode("sit", patience=_COMING_TO_REST)
     session.advance(_SITTING_DOWN)
     session.set_mode("passive", within=1.0)
 

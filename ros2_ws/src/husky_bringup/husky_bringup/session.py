@@ -253,18 +253,25 @@ class Session(GraphLink):
                 raise SessionError(f"the drives are not enabled: {answer.message}")
         self.advance(0.02)  # the controller must have seen it too
 
-    def set_mode(self, mode: str, reached: str | None = None, within: float = 0.0) -> None:
+    def set_mode(
+        self, mode: str, reached: str | None = None, within: float = 0.0, patience: float = 0.0
+    ) -> None:
         """Ask for a mode and wait until it (or the one that follows it) is reached.
 
         Args:
             mode: name of the mode.
             reached: name of the mode to wait for; the same by default.
             within: simulated time to wait [s], 0 for not waiting.
+            patience: simulated time for which a refused request is made again [s].
 
         Raises:
             SessionError: refused or not reached.
         """
-        self._expect(graph.SET_MODE, SetMode.Request(mode=mode))
+        end = self.time + patience
+        while self.time < end and not self.call(graph.SET_MODE, SetMode.Request(mode=mode)).success:
+            self.advance(0.1)
+        if self.time >= end:
+            self._expect(graph.SET_MODE, SetMode.Request(mode=mode))
         wanted = reached or mode
         if within > 0.0 and not self.advance(
             within, lambda: self.state is not None and self.state.mode == wanted

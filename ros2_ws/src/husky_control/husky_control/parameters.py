@@ -37,7 +37,7 @@ _GAINS: dict[str, Parameter] = {
     "walk.height_rate": _P(0.10, 0.01, 0.5, "m/s", "Slew of the body height"),
     "walk.sway_limit": _P(0.10, 0.0, 0.2, "m", "Most sway of the body over its support polygon"),
     "walk.sway_excursion": _P(0.025, 0.005, 0.2, "m", "How far a sway may push the zero-moment point; sets its time"),
-    "walk.static_load_time": _P(0.15, 0.0, 1.0, "s", "The same in a gait with a static margin, where legs unload as gently"),
+    "walk.static_load_time": _P(0.15, 0.0, 1.0, "s", "Time over which a leg is loaded and unloaded in a gait with a static margin"),
     "walk.late_limit": _P(0.06, 0.0, 0.3, "s", "How long the clock waits for a late touchdown"),
     "walk.search_speed": _P(0.35, 0.0, 1.0, "m/s", "A late foot reaches down at this speed"),
     "walk.search_depth": _P(0.05, 0.0, 0.1, "m", "and no further below the ground than this"),

@@ -97,7 +97,7 @@ class DriveBridge(LifecycleNode):
             "kp",
             robot.servo.kp,
             "position gain of every drive [N m/rad]",
-            lower=0.0,
+            lower=1.0,
             upper=1000.0,
             read_only=False,
         )
@@ -106,7 +106,7 @@ class DriveBridge(LifecycleNode):
             "kd",
             robot.servo.kd,
             "velocity gain of every drive [N m s/rad]",
-            lower=0.0,
+            lower=0.01,
             upper=50.0,
             read_only=False,
         )
