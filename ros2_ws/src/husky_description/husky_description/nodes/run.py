@@ -20,7 +20,6 @@ from rclpy.subscription import Subscription
 
 from husky_description.nodes.executor import WaitSetExecutor
 
-
 _END_PERIOD = 2.0
 """Wall time after which a node that was told to end prints where it hangs [s]."""
 
