@@ -1,7 +1,6 @@
 """More than one node that commands the joints."""
 
 import math
-from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -10,7 +9,7 @@ from rclpy.node import Node
 from husky_bringup.processes import Processes
 from husky_description import graph
 from husky_description.nodes import qos, stamps
-from husky_msgs.msg import JointCommand
+from husky_msgs.msg import DriveStatusArray, JointCommand
 
 pytestmark = pytest.mark.graph
 
@@ -33,7 +32,7 @@ def _sources(robot):
 
 def test_two_controllers(trotting, record_property, tmp_path: Path):
     s = trotting.session
-    commands = trotting.tap(JointCommand, graph.JOINT_COMMAND)
+    statuses = trotting.tap(DriveStatusArray, graph.DRIVES_STATUS)
     with Processes(logs=tmp_path) as second:
         second.start(next(spec for spec in s.specs if spec.name == graph.LOW_LEVEL_CONTROLLER))
         s.wait_for(lambda: _sources(trotting) == 2, "the second controller")
@@ -41,9 +40,10 @@ def test_two_controllers(trotting, record_property, tmp_path: Path):
         trotting.until(lambda: s.drives.emergency_stop, "emergency stop", within=5.0)
         assert "two sources" in s.drives.reason, trotting.seen
         s.advance(0.6)
-        answered = [stamps.to_ns(command.stamp) for command in commands.drain()]
-        twice = next(a for a, b in pairwise(sorted(answered)) if a == b) / 1e9
-        record_property("reaction_s", trotting.torque_ends(twice))
+        # From the second answer on that the bridge has seen; on a busy machine one may get lost.
+        stopped = next(status for status in statuses.drain() if status.emergency_stop)
+        since = stamps.to_ns(stopped.stamp) / 1e9
+        record_property("reaction_s", trotting.torque_ends(since))
         trotting.trigger(graph.DRIVES_RESET_FAULTS)
         s.advance(0.1)
         assert "2 nodes publish" in trotting.trigger(graph.DRIVES_ENABLE)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import pty
 import select
@@ -98,8 +99,12 @@ def test_it_is_restored_when_the_process_ends(child: Child, key: str, code: int)
 
 
 def test_ctrl_c_still_interrupts_and_restores(child: Child) -> None:
-    child.type("\x03")
-    assert child.process.wait(30.0) in (1, 130, -signal.SIGINT)
+    for _ in range(3):  # Python may swallow an interrupt that comes amid a destructor
+        child.type("\x03")
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            child.process.wait(10.0)
+            break
+    assert child.process.poll() in (1, 130, -signal.SIGINT)
     assert termios.tcgetattr(child.slave) == child.before
 
 
