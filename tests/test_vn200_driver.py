@@ -24,9 +24,9 @@ from sensor_msgs.msg import Imu
 
 from husky_description import graph
 from husky_description.nodes import qos, stamps
+from husky_description.pty_port import PtyPort
 from husky_description.robot import load_robot
 from husky_drivers.vn200_imu import ImuFigures
-from husky_sim.pty_port import PtyPort
 from husky_sim.vn200_device import Vn200Device, Vn200Options
 
 pytestmark = pytest.mark.graph

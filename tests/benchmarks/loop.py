@@ -21,12 +21,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import relay
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Twist
 from std_srvs.srv import SetBool
 
 from husky_bringup.processes import Processes
-from husky_bringup.scripts import stand_up, walk
+from husky_bringup.scripts import assist, ready_fans, stand_up, walk
 from husky_bringup.session import Session
 from husky_bringup.system import simulated_robot
 from husky_description import graph
@@ -41,6 +42,9 @@ def bench(arguments: list[str]) -> dict[str, Any]:
     parser = argparse.ArgumentParser(prog="scripts/bench.sh loop")
     parser.add_argument("--seconds", type=float, default=12.0, help="wall time measured [s]")
     parser.add_argument("--rounds", type=int, default=2, help="relay and graph in turn")
+    parser.add_argument(
+        "--pu", action="store_true", help="with the propulsion unit, which carries 40 %%, and T265"
+    )
     options = parser.parse_args(arguments)
     relays, pipelined, graphs = [], [], []
     for number in range(options.rounds):
@@ -48,13 +52,13 @@ def bench(arguments: list[str]) -> dict[str, Any]:
         relays.append(relay_tick_us(pipelined=False))
         pipelined.append(relay_tick_us(pipelined=True))
         print(f"round {number + 1}: walking graph", flush=True)
-        graphs.append(lockstep(options.seconds))
+        graphs.append(lockstep(options.seconds, with_unit=options.pu))
     print("realtime", flush=True)
     metrics: dict[str, Any] = {key: float(np.median([g[key] for g in graphs])) for key in graphs[0]}
     for name, times in (("relay", relays), ("pipelined_relay", pipelined)):
         metrics[f"{name}_us_p50"] = float(np.median(times))
         metrics[f"tick_over_{name}"] = metrics["tick_us_p50"] / metrics[f"{name}_us_p50"]
-    return {**metrics, **realtime(options.seconds)}
+    return metrics if options.pu else {**metrics, **realtime(options.seconds)}
 
 
 def relay_tick_us(*, pipelined: bool) -> float:
@@ -65,12 +69,14 @@ def relay_tick_us(*, pipelined: bool) -> float:
             of k - 1; otherwise four hops one after the other.
     """
     environment = {**os.environ, "HUSKY_RELAY_PIPELINED": str(int(pipelined))}
+    line = Path(relay.LINE)
+    line.unlink(missing_ok=True)
     with contextlib.ExitStack() as stack:
+        stack.callback(line.unlink, missing_ok=True)
         for role in (graph.VN200_DRIVER, graph.DRIVE_BRIDGE, graph.LOW_LEVEL_CONTROLLER):
             process = subprocess.Popen([sys.executable, _RELAY, role], env=environment)
             stack.callback(process.wait)
             stack.callback(process.terminate)
-        time.sleep(1.5)
         result = subprocess.run(
             [sys.executable, _RELAY, graph.PLANT, str(_RELAY_TICKS)],
             env=environment,
@@ -82,9 +88,12 @@ def relay_tick_us(*, pipelined: bool) -> float:
     return float(np.median(json.loads(result.stdout.splitlines()[-1])["tick_us"]))
 
 
-def lockstep(seconds: float) -> dict[str, float]:
+def lockstep(seconds: float, *, with_unit: bool = False) -> dict[str, float]:
     """Trot in lockstep as fast as it goes; return what was measured."""
-    with tempfile.TemporaryDirectory() as directory, _free_run(Path(directory)) as session:
+    with (
+        tempfile.TemporaryDirectory() as directory,
+        _free_run(Path(directory), with_unit=with_unit) as session,
+    ):
         probe = _Probe(session)
         start, start_cpu = time.monotonic(), cpu_seconds(session.processes, session.specs)
         start_simulated = probe.simulated()
@@ -102,10 +111,14 @@ def lockstep(seconds: float) -> dict[str, float]:
 
 
 @contextlib.contextmanager
-def _free_run(directory: Path) -> Iterator[Session]:
+def _free_run(directory: Path, *, with_unit: bool) -> Iterator[Session]:
     """A trotting robot whose world is not paused."""
-    with Session(directory, record=False) as session:
+    body = "robot_with_unit" if with_unit else "robot"
+    with Session(directory, {graph.PLANT: {"body": body}}, record=False) as session:
         stand_up(session)
+        if with_unit:
+            ready_fans(session)
+            assist(session, 0.4)
         session.set_gait("trot")
         walk(session, 2.0, (0.4, 0.0, 0.0))
         pause = session._node.create_client(SetBool, graph.PLANT_PAUSE)

@@ -31,7 +31,8 @@ from husky_msgs.msg import JointCommand, ServoCommand, ServoState
 
 _IMU_PERIOD_NS = 1_250_000
 _IMU_BYTES = 54
-_LINE = "/tmp/husky-relay-{}"
+LINE = f"/tmp/husky-relay-{os.environ.get('ROS_DOMAIN_ID', '0')}"
+"""Where the IMU's line appears."""
 _PIPELINED = os.environ.get("HUSKY_RELAY_PIPELINED", "1") == "1"
 _WARM_UP = 200
 """Ticks that are not measured."""
@@ -53,7 +54,9 @@ class Plant(Node):
                 ServoCommand, graph.SERVO_COMMAND, self._on_answer, qos.CONTROL
             )
         ]
-        self._line = os.open(_LINE.format(os.environ.get("ROS_DOMAIN_ID", "0")), os.O_RDWR)
+        while not os.path.exists(LINE):
+            time.sleep(0.05)
+        self._line = os.open(LINE, os.O_RDWR)
 
     def quiet(self) -> None:
         ready = (
@@ -181,10 +184,7 @@ def relay_imu() -> None:
     import tty
 
     tty.setraw(line)
-    path = _LINE.format(os.environ.get("ROS_DOMAIN_ID", "0"))
-    if os.path.islink(path):
-        os.unlink(path)
-    os.symlink(os.ttyname(line), path)
+    os.symlink(os.ttyname(line), LINE)
     buffer = b""
     while True:
         buffer += os.read(controller, 4096)

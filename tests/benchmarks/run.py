@@ -10,6 +10,7 @@ from typing import Any
 import control
 import drives
 import loop
+import mavlink
 import plant
 
 BENCHES: dict[str, Callable[[list[str]], dict[str, Any]]] = {
@@ -17,6 +18,7 @@ BENCHES: dict[str, Callable[[list[str]], dict[str, Any]]] = {
     "plant": plant.bench,
     "control": control.bench,
     "drives": drives.bench,
+    "mavlink": mavlink.bench,
 }
 
 

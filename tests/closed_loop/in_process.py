@@ -12,7 +12,7 @@ import numpy as np
 
 from husky_control.controller import Controller, Measurements
 from husky_description import graph
-from husky_description.robot import load_robot
+from husky_description.robot import Robot, load_robot
 from husky_drivers.axes import settings_of
 from husky_drivers.master import Master, Phase
 from husky_drivers.vn200_imu import ImuFigures
@@ -27,13 +27,14 @@ class InProcessRobot:
     Attributes:
         world: the simulated world.
         controller: the pure controller.
+        measurements: what it gets.
         tick_seconds: wall time of each controller tick [s].
         refusal: why the drives' master last refused a command, "" when it never did.
     """
 
-    def __init__(self, options: WorldOptions | None = None):
-        """Power everything on."""
-        robot = load_robot()
+    def __init__(self, options: WorldOptions | None = None, robot: Robot | None = None):
+        """Power everything on; the robot is the configured one by default."""
+        robot = robot or load_robot()
         self.world = World(robot, options or WorldOptions())
         self.controller = Controller(robot)
         self._segment = SimulatedSegment(robot)
@@ -41,13 +42,13 @@ class InProcessRobot:
         self._master.configure()
         self._master.start()
         self._noise = ImuNoise(ImuFigures.of(robot.imu), self.world.options.seed)
-        self._measurements = Measurements()
+        self.measurements = Measurements()
         self.tick_seconds: list[float] = []
         self.refusal = ""
 
     def tick(self) -> None:
         """Advance by 2 ms."""
-        world, servos, master, m = self.world, self.world.servos, self._master, self._measurements
+        world, servos, master, m = self.world, self.world.servos, self._master, self.measurements
         self._segment.set_servo_state(
             servos.encoder_count, servos.velocity_count, servos.current, servos.bus_voltage
         )

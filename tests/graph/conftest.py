@@ -301,12 +301,14 @@ class Robot:
 
 @pytest.fixture(scope="module")
 def new_graph(domain: int, tmp_path_factory: pytest.TempPathFactory) -> NewGraph:
-    """Starts a graph; at its end every node has to have ended as it should."""
+    """Starts a graph, by other settings if need be; at its end each node ends as it should."""
 
     @contextlib.contextmanager
-    def start(clock: str = "lockstep") -> Iterator[Robot]:
+    def start(clock: str = "lockstep", remote: bool = False, **settings: Any) -> Iterator[Robot]:
         directory = tmp_path_factory.mktemp("graph")
-        session = Session(directory, _SETTINGS, record=False, clock=clock)
+        session = Session(
+            directory, settings or _SETTINGS, record=False, clock=clock, remote=remote
+        )
         try:
             robot = Robot(session)
             yield robot

@@ -68,8 +68,13 @@ def test_launch_file_starts_what_bringup_starts(domain, ros2_launch, clock, tmp_
         file = tmp_path / "parameters.yaml"
         file.write_text(PARAMETERS)
         bringup += ["--time", clock, "--params-file", str(file), "--record", str(tmp_path / "b")]
+        bringup += ["--set", "plant.body=robot_with_unit", "--remote"]
         launch += [f"time:={clock}", f"params_file:={file}", f"record:={tmp_path / 'b'}"]
-    specs = simulated_robot(record="-" if clock else None)
+        launch += ["body:=robot_with_unit", "remote:=true"]
+        fitted = {graph.PLANT: {"body": "robot_with_unit"}}
+        specs = simulated_robot(settings=fitted, record="-", remote=True)
+    else:
+        specs = simulated_robot()
     seen, names = [], []
     for command, number in ((bringup, signal.SIGTERM), (launch, signal.SIGINT)):
         shutil.rmtree(tmp_path / "b", ignore_errors=True)

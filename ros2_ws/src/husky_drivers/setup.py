@@ -22,6 +22,7 @@ setup(
     entry_points={
         "console_scripts": [
             "drive_bridge = husky_drivers.nodes.drive_bridge:main",
+            "t265_driver = husky_drivers.nodes.t265_driver:main",
             "vn200_driver = husky_drivers.nodes.vn200_driver:main",
         ],
     },

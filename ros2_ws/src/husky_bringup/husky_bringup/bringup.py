@@ -67,7 +67,10 @@ def make_parser() -> argparse.ArgumentParser:
         default=[],
         type=parse_setting,
         metavar="NODE.PARAMETER=VALUE",
-        help="e.g. plant.terrain=tiles, plant.seed=3; may be given many times",
+        help="e.g. plant.terrain=tiles, plant.body=robot_with_unit; may be given many times",
+    )
+    parser.add_argument(
+        "--remote", action="store_true", help="with the remote control of the propulsion unit"
     )
     parser.add_argument("--params-file", help="a ROS parameter file for every node")
     parser.add_argument("--record", metavar="DIR", help="record a bag into this directory")
@@ -86,7 +89,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = make_parser()
     options = parser.parse_args(arguments)
     try:
-        specs = simulated_robot(options.time, collect(options.set), options.record)
+        specs = simulated_robot(
+            options.time, collect(options.set), options.record, remote=options.remote
+        )
         specs = leave_out(specs, options.without)
     except ValueError as error:
         parser.error(str(error))

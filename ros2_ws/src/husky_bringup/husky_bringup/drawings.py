@@ -8,7 +8,12 @@ from husky_bringup.interfaces import Interface
 from husky_control.modes import TRANSITIONS, Event, Mode, Transition
 from husky_description import graph
 
-_WIRES = (f'{graph.PLANT} == "serial line" ==> {graph.VN200_DRIVER}',)
+_WIRES = (
+    f'{graph.PLANT} == "serial line" ==> {graph.VN200_DRIVER}',
+    f'{graph.PLANT} == "poses" ==> {graph.T265_DRIVER}',
+    f'{graph.PIXHAWK_BRIDGE} <== "MAVLink" ==> {graph.FLIGHT_CONTROLLER}',
+    f'{graph.RC_TRANSMITTER} == "SBUS" ==> {graph.FLIGHT_CONTROLLER}',
+)
 """Edges of the graph that are no topics."""
 
 

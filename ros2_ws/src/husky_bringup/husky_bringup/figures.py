@@ -8,7 +8,9 @@ from pathlib import Path
 from husky_bringup.figure_body import attitude, body, path
 from husky_bringup.figure_feet import contact_forces, gait
 from husky_bringup.figure_joints import joint_angles, joint_angles_close, torques, tracking
+from husky_bringup.figure_propulsion import battery, fans, t265, unit_attitude
 from husky_bringup.recording import MissingTopicError, Recording
+from husky_description import graph
 from husky_description.robot import Robot
 
 DRAWINGS: tuple[Callable[[Recording, Robot, Path], Path], ...] = (
@@ -22,7 +24,9 @@ DRAWINGS: tuple[Callable[[Recording, Robot, Path], Path], ...] = (
     gait,
     path,
 )
-"""Every figure, in the order in which they are drawn."""
+"""Every figure of a robot on legs, in the order in which they are drawn."""
+UNIT_DRAWINGS = (battery, unit_attitude, fans, t265)
+"""Figures of the propulsion unit, drawn where there is one."""
 
 
 def make_all(recording: Recording, robot: Robot, directory: Path) -> list[Path]:
@@ -37,8 +41,11 @@ def make_all(recording: Recording, robot: Robot, directory: Path) -> list[Path]:
         The files written.
     """
     directory.mkdir(parents=True, exist_ok=True)
+    unit = recording.has(graph.FAN_STATE)
+    alone = unit and not recording.has(graph.JOINT_STATES)
+    drawings = ((body,) if alone else DRAWINGS) + (UNIT_DRAWINGS if unit else ())
     written = []
-    for draw in DRAWINGS:
+    for draw in drawings:
         try:
             written.append(draw(recording, robot, directory))
         except MissingTopicError:

@@ -20,7 +20,7 @@ from rclpy.qos import QoSProfile
 from rclpy.task import Future
 
 from husky_bringup.processes import Processes
-from husky_bringup.system import NodeSpec, simulated_robot
+from husky_bringup.system import NodeSpec, ParameterValue, simulated_robot
 from husky_description import graph
 
 _EVERY_NODE = ("rcl_interfaces", "type_description_interfaces")
@@ -32,6 +32,12 @@ _STEADY_PERIOD = 1.0
 """Discovery is over when nothing has changed for so long [s]."""
 _PATIENCE = 60.0
 """Wall time that nodes may take to come up and to answer [s]."""
+
+_FITTED: dict[str, dict[str, tuple[ParameterValue, ParameterValue]]] = {
+    graph.PLANT: {"body": ("robot_with_unit", "robot")},
+    graph.LOW_LEVEL_CONTROLLER: {"propulsion": (True, False)},
+}
+"""Parameters that decide what a node offers: as it is looked at, and by default."""
 
 Result = TypeVar("Result")
 
@@ -68,10 +74,19 @@ class Interface:
 
 
 def all_nodes() -> tuple[NodeSpec, ...]:
-    """Return every node there is, without parameters: each starts with its own defaults."""
-    specs = simulated_robot(record="-")
+    """Return every node there is; each starts with its own defaults, but with the fans fitted."""
+    body: dict[str, ParameterValue] = {"body": "robot_with_unit"}
+    specs = simulated_robot(settings={graph.PLANT: body}, record="-", remote=True)
     teleop = NodeSpec("husky_bringup", graph.TELEOP)
-    return (*(NodeSpec(spec.package, spec.executable) for spec in specs), teleop)
+    fitted = (
+        NodeSpec(
+            spec.package,
+            spec.executable,
+            {name: value for name, (value, _) in _FITTED.get(spec.name, {}).items()},
+        )
+        for spec in specs
+    )
+    return (*fitted, teleop)
 
 
 @contextlib.contextmanager
@@ -223,8 +238,12 @@ class Reader:
         names = [n for n in listed if n not in _EVERY_NODES_PARAMETERS]
         described = self.result(client.describe_parameters(names), f"parameters of {name}")
         values = self.result(client.get_parameters(names), f"parameters of {name}")
+        fitted = _FITTED.get(name, {})
         return tuple(
-            _parameter(descriptor, parameter_value_to_python(value))
+            _parameter(
+                descriptor,
+                fitted.get(descriptor.name, (None, parameter_value_to_python(value)))[1],
+            )
             for descriptor, value in zip(described.descriptors, values.values, strict=True)
         )
 

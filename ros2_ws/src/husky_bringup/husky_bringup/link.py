@@ -11,6 +11,7 @@ import rclpy
 from rclpy.client import Client
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.task import Future
 
 from husky_bringup.discovery import servers, subscribers
 from husky_bringup.processes import Processes
@@ -20,8 +21,26 @@ from husky_description.nodes import qos
 
 _START_PERIOD = 60.0
 """Wall time that the graph may take to come up, on a loaded machine [s]."""
+_PROBE_PERIOD = 1.0
+"""Wall time after which a first request is made again [s]."""
 ANSWER_PERIOD = 30.0
 """Wall time that a service may take to answer [s]."""
+
+
+_PATHS = (
+    (graph.SERVO_STATE, graph.PLANT, graph.DRIVE_BRIDGE),
+    (graph.SERVO_COMMAND, graph.DRIVE_BRIDGE, graph.PLANT),
+    (graph.JOINT_STATES, graph.DRIVE_BRIDGE, graph.LOW_LEVEL_CONTROLLER),
+    (graph.JOINT_COMMAND, graph.LOW_LEVEL_CONTROLLER, graph.DRIVE_BRIDGE),
+    (graph.IMU, graph.VN200_DRIVER, graph.LOW_LEVEL_CONTROLLER),
+    (graph.DRIVES_STATUS, graph.DRIVE_BRIDGE, graph.LOW_LEVEL_CONTROLLER),
+    (graph.ODOMETRY, graph.LOW_LEVEL_CONTROLLER, graph.PLANT),
+    (graph.FLIGHT_SENSORS, graph.PLANT, graph.FLIGHT_CONTROLLER),
+    (graph.FAN_COMMAND, graph.FLIGHT_CONTROLLER, graph.PLANT),
+    (graph.PROPULSION_COMMAND, graph.LOW_LEVEL_CONTROLLER, graph.PIXHAWK_BRIDGE),
+    (graph.PROPULSION_STATE, graph.PIXHAWK_BRIDGE, graph.LOW_LEVEL_CONTROLLER),
+)
+"""Topics that must have met both ends before a run: from whom to whom."""
 
 
 class SessionError(RuntimeError):
@@ -38,7 +57,12 @@ class GraphLink:
     """
 
     def __init__(
-        self, name: str, specs: tuple[NodeSpec, ...], output: Path, services: Mapping[str, type]
+        self,
+        name: str,
+        specs: tuple[NodeSpec, ...],
+        output: Path,
+        services: Mapping[str, type],
+        probes: Mapping[str, Any],
     ):
         """Start every node and wait until the graph is complete.
 
@@ -47,11 +71,13 @@ class GraphLink:
             specs: the nodes.
             output: directory for `logs`.
             services: types of the services that will be called, by name.
+            probes: for the last service of each node, a request that changes nothing.
 
         Raises:
             SessionError: a node ended or did not come up.
         """
         self.specs = specs
+        self._probes = probes
         self.processes = Processes(logs=output / "logs")
         self._output = output
         self.context = Context()
@@ -74,21 +100,18 @@ class GraphLink:
         node = self._node
         self.wait_for(
             lambda: all(client.service_is_ready() for client in self._services.values()),
-            "the services of plant, drive_bridge and low_level_controller",
+            "the services of the nodes",
         )
         self._owners = {
             service: owner for service in self._services for owner, _ in servers(node, service)
         }
+        for service in self._probes:
+            self._probe(service)
         recorders = sum(spec.name == graph.RECORDER for spec in self.specs)
-        for name in (
-            graph.SERVO_STATE,
-            graph.SERVO_COMMAND,
-            graph.JOINT_STATES,
-            graph.JOINT_COMMAND,
-            graph.IMU,
-            graph.DRIVES_STATUS,
-            graph.ODOMETRY,
-        ):
+        names = {spec.name for spec in self.specs}
+        for name, publisher, subscriber in _PATHS:
+            if not {publisher, subscriber} <= names:
+                continue
             self.wait_for(
                 lambda name=name: (  # type: ignore[misc]
                     node.count_publishers(name) >= 1
@@ -96,10 +119,33 @@ class GraphLink:
                 ),
                 f"publisher and subscribers of {name}",
             )
+        if graph.LOW_LEVEL_CONTROLLER not in names:
+            return
         self.wait_for(
             lambda: node.count_subscribers(graph.CMD_VEL) >= 1 + recorders,
             f"subscribers of {graph.CMD_VEL}",
         )
+
+    def _probe(self, service: str) -> None:
+        """Ask again and again until a service answers for the first time.
+
+        A server may hear a client's request before it has discovered where the answer goes, and
+        then the answer is lost. Discovery keeps the order in which the clients were made: who can
+        answer the last one can answer all.
+        """
+        if service not in self._services:
+            return
+        answers: list[Future] = []
+        last = 0.0
+
+        def answered() -> bool:
+            nonlocal last
+            if time.monotonic() - last > _PROBE_PERIOD:
+                last = time.monotonic()
+                answers.append(self._services[service].call_async(self._probes[service]))
+            return any(answer.done() for answer in answers)
+
+        self.wait_for(answered, f"an answer of {service}")
 
     # Waiting --------------------------------------------------------------------------------
     def wait_for(self, predicate: Callable[[], bool], what: str) -> None:
@@ -174,6 +220,9 @@ class GraphLink:
                     ),
                     f"{service} of the new {node}",
                 )
+        for service in self._probes:
+            if self._owners.get(service) == node:
+                self._probe(service)
         if node == graph.LOW_LEVEL_CONTROLLER:
             self.wait_for(
                 lambda: bool(subscribers(self._node, graph.CMD_VEL) - listens),

@@ -16,13 +16,17 @@ from husky_bringup.cdr_table import Columns, decode
 from husky_bringup.tables import (
     Array,
     Base,
+    Battery,
     Contacts,
     ControllerStates,
     Drives,
     EstimateErrors,
+    Fans,
     Imu,
     JointCommands,
     Joints,
+    Propulsion,
+    PropulsionCommands,
 )
 from husky_description import graph
 
@@ -59,8 +63,13 @@ class Recording:
         """Return whether there is any message of a topic."""
         return self.counts.get(topic, 0) > 0
 
-    def columns(self, topic: str) -> tuple[Array, Columns]:
+    def columns(self, topic: str, *, alike: bool = False) -> tuple[Array, Columns]:
         """Return log times [s] (n,) and all fields of a topic, see `cdr_table.decode`.
+
+        Args:
+            topic: full name.
+            alike: leave out messages that are not as long as the last one, because a sequence in
+                them was still empty, say.
 
         Raises:
             MissingTopicError: there is no message of the topic.
@@ -69,6 +78,9 @@ class Recording:
             raise MissingTopicError(f"{self.path} has no messages of {topic}")
         if topic not in self._columns:
             times, messages, message_type = self._messages.pop(topic)
+            if alike:
+                keep = [i for i, m in enumerate(messages) if len(m) == len(messages[-1])]
+                times, messages = [times[i] for i in keep], [messages[i] for i in keep]
             decoded = decode(messages, self._typestore, message_type)
             self._columns[topic] = np.array(times, np.float64) / 1e9, decoded
         return self._columns[topic]
@@ -172,3 +184,41 @@ class Recording:
             each("current"),
             each("following_error"),
         )
+
+    # The propulsion unit ------------------------------------------------------------------------
+    @cached_property
+    def fans(self) -> Fans:
+        """The truth about fans, battery and ropes, 100 Hz."""
+        time, column = self.columns(graph.FAN_STATE)
+        names = [field.name for field in fields(Fans)]
+        same = {name: column[name] for name in names if name in column}
+        return Fans(time, force=column["wrench.force"], moment=column["wrench.torque"], **same)
+
+    @cached_property
+    def propulsion(self) -> Propulsion:
+        """State of the propulsion unit as its autopilot reports it, 50 Hz."""
+        time, column = self.columns(graph.PROPULSION_STATE)
+        names = [field.name for field in fields(Propulsion) if field.name != "time"]
+        return Propulsion(time, **{name: column[name] for name in names})
+
+    @cached_property
+    def propulsion_commands(self) -> PropulsionCommands:
+        """Commands to the propulsion unit, 100 Hz."""
+        time, column = self.columns(graph.PROPULSION_COMMAND)
+        return PropulsionCommands(
+            time, column["kind"], column["attitude"], column["force"], column["moment"]
+        )
+
+    @cached_property
+    def battery(self) -> Battery:
+        """The battery as the bridge tells it, 10 Hz, once it knows the cells."""
+        time, column = self.columns(graph.BATTERY, alike=True)
+        voltage, current, share = (
+            column[name].astype(np.float64) for name in ("voltage", "current", "percentage")
+        )
+        return Battery(time, voltage, current, share)
+
+    @cached_property
+    def t265(self) -> Base:
+        """Motion of the camera `t265_link` in its own world `t265_odom`, 200 Hz."""
+        return self._odometry(graph.T265_ODOMETRY)

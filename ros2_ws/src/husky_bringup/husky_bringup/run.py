@@ -54,6 +54,7 @@ class Run:
         label: str = "",
         expected: float = 0.0,
         record: bool = True,
+        remote: bool = False,
     ) -> Session:
         """Start the graph in lockstep.
 
@@ -62,6 +63,7 @@ class Run:
             label: subdirectory of the output for one of several sessions.
             expected: simulated time that the session will take [s], for the progress bar.
             record: whether to record a bag.
+            remote: whether the remote control takes part.
         """
         directory = self.output / label
         directory.mkdir(parents=True, exist_ok=True)
@@ -70,7 +72,11 @@ class Run:
         self.say(f"starting the graph{f' ({label})' if label else ''}")
         self._progress.begin(expected)
         return Session(
-            directory.resolve(), chosen, record=record, on_advance=self._progress.at
+            directory.resolve(),
+            chosen,
+            record=record,
+            on_advance=self._progress.at,
+            remote=remote,
         )
 
     def say(self, text: str) -> None:
@@ -96,12 +102,10 @@ class Run:
             self.say("drawing figures")
             figures.make_all(recording, self.robot(), directory / "figures")
         if not self.options.no_video:
-            import mujoco
-
             from husky_bringup import video
 
             self.say("rendering video")
-            model = mujoco.MjModel.from_xml_path(str(directory / SCENE_FILE))
+            model = video.load_scene(directory / SCENE_FILE)
             result = video.render(recording, model, directory / "video.mp4")
             if result is None:
                 self.say(video.unavailable_reason())
@@ -193,8 +197,11 @@ class Progress:
         share = min(1.0, simulated / self._expected) if self._expected > 0 else 0.0
         if self._terminal:
             bar = "#" * int(30 * share)
-            print(f"\r  [{bar:<30}] {simulated:6.1f} s simulated, {pace:4.2f}x real time",
-                  end="", flush=True)
+            print(
+                f"\r  [{bar:<30}] {simulated:6.1f} s simulated, {pace:4.2f}x real time",
+                end="",
+                flush=True,
+            )
             self._open = True
         elif simulated >= self._next_line:
             print(f"  {simulated:6.1f} s simulated, {pace:4.2f}x real time", flush=True)

@@ -35,7 +35,10 @@ def walk(session: Session, duration: float, velocity: tuple[float, float, float]
 
 
 def stop_walking(session: Session) -> None:
-    """Slow down and stand."""
+    """Slow down and stand; a robot that stands already goes on standing."""
+    if session.state is not None and session.state.mode == "stand":
+        session.release_velocity()
+        return
     session.set_velocity(0.0)
     session.set_mode("stand", reached="stand", within=5.0)
     session.release_velocity()
@@ -82,3 +85,23 @@ def walk_with_pushes(
         if impulse > 0.0:
             push(session, (0.0, impulse * float(sides.choice((-1.0, 1.0)))))
         walk(session, min(period, end - session.time), velocity)
+
+
+def ready_fans(session: Session) -> None:
+    """Hand the fans to the controller: mode OFFBOARD, armed; nothing is asked of them yet."""
+    session.advance(0.5)  # the autopilot wants to see commands before it follows them
+    session.set_flight_mode("OFFBOARD")
+    session.arm()
+    session.advance(1.5)  # a speed controller wants to see a second of low pulses
+
+
+def assist(session: Session, share: float) -> None:
+    """Let the fans carry a share of the weight, and wait until they do."""
+    session.set_parameter("low_level_controller", "assist.share", float(share))
+    session.advance(3.0)
+
+
+def release_fans(session: Session) -> None:
+    """Give the weight back to the legs, then disarm."""
+    assist(session, 0.0)
+    session.arm(False)

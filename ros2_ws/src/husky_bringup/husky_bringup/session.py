@@ -8,30 +8,53 @@ it. So a script gives the same trajectory however fast anything ran.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
+from sensor_msgs.msg import Joy
 from std_srvs.srv import SetBool, Trigger
 
 from husky_bringup.link import ANSWER_PERIOD, GraphLink, SessionError
 from husky_bringup.system import ParameterValue, simulated_robot
 from husky_description import graph
 from husky_description.nodes import qos, stamps
-from husky_msgs.msg import ControllerState, DriveStatusArray
-from husky_msgs.srv import ApplyWrench, InjectFault, ResetWorld, SetGait, SetMode, StepWorld
+from husky_msgs.msg import ControllerState, DriveStatusArray, FanState, PropulsionState
+from husky_msgs.srv import (
+    ApplyWrench,
+    InjectFault,
+    ResetWorld,
+    SetFlightMode,
+    SetGait,
+    SetMode,
+    StepWorld,
+)
 
 __all__ = ["Session", "SessionError"]
 
 _CHUNK_TICKS = 100
 """Ticks between two messages on /cmd_vel, well below the 0.5 s after which it counts as silent."""
+_CLOCK_PERIOD = 0.01
+"""Of /clock [s]."""
+RADIO_LOOK, RADIO_PHASE = 0.07, 0.008
+"""In lockstep sticks act at the same tick in every run if they are moved every so often, at a
+multiple of 70 ms and 8 ms [s].
+
+A frame is due every 14 ms, is sent with the message of /clock up to 10 ms before, and acts 6 ms
+after. At 70 n + 8 ms the frame that is due at 70 n ms has acted, and the next one, due at
+70 n + 14 ms, goes out with the message of /clock at 70 n + 10 ms, after the sticks have moved."""
 _REPORT_PERIOD = 5.0
 """Wall time that a report may be late, after which its node counts as silent [s]. One that is lost
 is sent again within 3 s, the middleware's heartbeat."""
-_REPORTS = {graph.GROUND_TRUTH: 10_000_000, graph.CONTROLLER_STATE: 20_000_000}
+_REPORTS = {
+    graph.GROUND_TRUTH: 10_000_000,
+    graph.FAN_STATE: 10_000_000,
+    graph.CONTROLLER_STATE: 20_000_000,
+}
 """Periods of what nodes report of themselves [ns]."""
 _REPORTERS = {
     graph.PLANT: graph.GROUND_TRUTH,
@@ -41,12 +64,14 @@ _REPORTERS = {
 """Without whom there is no report: the controller ticks by the joint states."""
 
 
-_SERVICES = {
+_PLANT_SERVICES = {
     graph.PLANT_STEP: StepWorld,
     graph.PLANT_PAUSE: SetBool,
     graph.PLANT_RESET: ResetWorld,
     graph.PLANT_APPLY_WRENCH: ApplyWrench,
     graph.PLANT_INJECT_FAULT: InjectFault,
+}
+_LEG_SERVICES = {
     graph.DRIVES_ENABLE: Trigger,
     graph.DRIVES_DISABLE: Trigger,
     graph.DRIVES_RESET_FAULTS: Trigger,
@@ -55,6 +80,18 @@ _SERVICES = {
     graph.SET_MODE: SetMode,
     graph.SET_GAIT: SetGait,
 }
+_FAN_SERVICES = {
+    graph.PROPULSION_ARM: SetBool,
+    graph.PROPULSION_KILL: Trigger,
+    graph.PROPULSION_SET_MODE: SetFlightMode,
+}
+_PROBES = {
+    graph.PLANT_INJECT_FAULT: InjectFault.Request(target="nothing"),
+    graph.DRIVES_INJECT_FAULT: InjectFault.Request(target="nothing"),
+    graph.SET_GAIT: SetGait.Request(gait="nothing"),
+    graph.PROPULSION_SET_MODE: SetFlightMode.Request(mode="nothing"),
+}
+"""For the last service of each node above, a request that it refuses."""
 
 
 class Session(GraphLink):
@@ -65,6 +102,8 @@ class Session(GraphLink):
         state: newest message of the controller, or None; also after `kill`.
         truth: newest ground truth, or None.
         drives: newest state of the drives, or None.
+        fans: newest truth about the fans, or None.
+        propulsion: newest state of the propulsion unit, or None.
         trajectory_sha256: digest of every state of the world so far.
     """
 
@@ -76,6 +115,7 @@ class Session(GraphLink):
         record: bool = True,
         on_advance: Callable[[float], None] | None = None,
         clock: str = "lockstep",
+        remote: bool = False,
     ):
         """Start every node and wait until the graph is complete.
 
@@ -85,6 +125,7 @@ class Session(GraphLink):
             record: whether a recorder takes part.
             on_advance: called with the simulated time [s] now and then.
             clock: one of `husky_bringup.system.TIMES`.
+            remote: whether the remote control takes part.
 
         Raises:
             SessionError: a node ended or did not come up.
@@ -97,32 +138,65 @@ class Session(GraphLink):
         self._on_advance = on_advance
         self._velocity = (0.0, 0.0, 0.0)
         self._send_velocity = False
-        self._reported = dict.fromkeys(_REPORTS, 0)
+        self.fans: FanState | None = None
+        self.propulsion: PropulsionState | None = None
         self._lockstep = clock == "lockstep"
         chosen = {name: dict(values) for name, values in (settings or {}).items()}
         chosen.setdefault(graph.PLANT, {})["start_paused"] = True
-        specs = simulated_robot(clock, chosen, str(output / "bag") if record else None)
-        super().__init__("experiment", specs, output, _SERVICES)
+        bag = str(output / "bag") if record else None
+        specs = simulated_robot(clock, chosen, bag, remote)
+        names = {spec.name for spec in specs}
+        self._has_legs = graph.DRIVE_BRIDGE in names
+        self._has_fans = graph.PIXHAWK_BRIDGE in names
+        services: dict[str, type] = dict(_PLANT_SERVICES)
+        services.update(_LEG_SERVICES if self._has_legs else {})
+        services.update(_FAN_SERVICES if self._has_fans else {})
+        self._forget()
+        super().__init__("experiment", specs, output, services, _PROBES)
         node = self._node
+        self._joy = node.create_publisher(Joy, graph.JOY, qos.COMMAND)
+        self._remote = remote
         self._cmd_vel = node.create_publisher(Twist, graph.CMD_VEL, qos.COMMAND)
         self.subscribe(ControllerState, graph.CONTROLLER_STATE, self._on_state)
         self.subscribe(Odometry, graph.GROUND_TRUTH, self._on_truth)
         self.subscribe(DriveStatusArray, graph.DRIVES_STATUS, self._on_drives)
+        self.subscribe(FanState, graph.FAN_STATE, self._on_fans)
+        self.subscribe(PropulsionState, graph.PROPULSION_STATE, self._on_propulsion)
+        self._radio_frames = 0
+        if remote:
+            self.subscribe(DiagnosticArray, graph.DIAGNOSTICS, self._on_diagnostics)
         try:
             self.wait_for(self._is_heard, "those who report and those who take commands")
             if not self._lockstep:
                 self._expect(graph.PLANT_PAUSE, SetBool.Request(data=False))
+            elif remote:
+                self._begin_radio()
         except BaseException:
             self.close()
             raise
 
     def _is_heard(self) -> bool:
         """Whether this side's own topics have found their other ends."""
-        reports = (graph.CONTROLLER_STATE, graph.GROUND_TRUTH, graph.DRIVES_STATUS)
+        reports = [graph.GROUND_TRUTH]
+        if self._has_legs:
+            reports += [graph.CONTROLLER_STATE, graph.DRIVES_STATUS]
+        if self._has_fans:
+            reports += [graph.FAN_STATE, graph.PROPULSION_STATE]
+        if self._remote and self._joy.get_subscription_count() < 1:
+            return False
         listeners = self._node.count_subscribers(graph.CMD_VEL)
         return self._cmd_vel.get_subscription_count() >= listeners and all(
             self._node.count_publishers(topic) >= 1 for topic in reports
         )
+
+    def _begin_radio(self) -> None:
+        """Step to the radio's first frame and wait until the autopilot has it.
+
+        The autopilot counts frames from the first one on, so that one must come at the same tick in
+        every run. See `RADIO_LOOK` for when sticks may be moved.
+        """
+        self.advance(_CLOCK_PERIOD)
+        self.wait_for(lambda: self._radio_frames > 0, "the radio's first frame at the autopilot")
 
     # Time -----------------------------------------------------------------------------------
     def advance(self, duration: float, until: Callable[[], bool] | None = None) -> bool:
@@ -208,14 +282,21 @@ class Session(GraphLink):
     def _forget(self) -> None:
         """What has been reported is of a world that is no more."""
         self._reported = dict.fromkeys(_REPORTS, 0)
+        if not self._has_legs:
+            del self._reported[graph.CONTROLLER_STATE]
+        if not self._has_fans:
+            del self._reported[graph.FAN_STATE]
         self._send_velocity = False
         self.time, self.truth, self.state, self.drives = 0.0, None, None, None
+        self.fans = self.propulsion = None
 
     def kill(self, node: str) -> None:
         """Kill a node (SIGKILL), and forget what it has said; the others must do without it."""
         super().kill(node)
         if node in _REPORTERS:
             self._reported.pop(_REPORTERS[node], None)
+        if node == graph.PLANT:
+            self._reported.pop(graph.FAN_STATE, None)
         if node == graph.LOW_LEVEL_CONTROLLER:
             self.state = None
         elif node == graph.DRIVE_BRIDGE:
@@ -328,6 +409,26 @@ class Session(GraphLink):
         """
         self._cmd_vel.publish(twist)
 
+    def joystick(self, axes: Sequence[float], buttons: Sequence[int]) -> None:
+        """Move the sticks of the remote control: axes -1 to 1, buttons 0 or 1."""
+        self._joy.publish(Joy(axes=[float(a) for a in axes], buttons=[int(b) for b in buttons]))
+
+    def arm(self, armed: bool = True) -> None:
+        """Arm or disarm the propulsion unit.
+
+        Raises:
+            SessionError: refused.
+        """
+        self._expect(graph.PROPULSION_ARM, SetBool.Request(data=armed))
+
+    def set_flight_mode(self, mode: str) -> None:
+        """Choose the autopilot's mode, STABILIZED or OFFBOARD.
+
+        Raises:
+            SessionError: refused.
+        """
+        self._expect(graph.PROPULSION_SET_MODE, SetFlightMode.Request(mode=mode))
+
     def push(self, force: tuple[float, float, float], duration: float, body: str = "") -> None:
         """Push a body (the base by default) with a force in world [N] for a while [s]."""
         request = ApplyWrench.Request(body=body, duration=float(duration))
@@ -361,6 +462,19 @@ class Session(GraphLink):
     def _on_truth(self, truth: Odometry) -> None:
         self.truth = truth
         self._reported[graph.GROUND_TRUTH] = stamps.to_ns(truth.header.stamp)
+
+    def _on_fans(self, fans: FanState) -> None:
+        self.fans = fans
+        self._reported[graph.FAN_STATE] = stamps.to_ns(fans.stamp)
+
+    def _on_propulsion(self, propulsion: PropulsionState) -> None:
+        self.propulsion = propulsion
+
+    def _on_diagnostics(self, report: DiagnosticArray) -> None:
+        for status in report.status:
+            for entry in status.values:
+                if entry.key == "sbus_frames":
+                    self._radio_frames = int(entry.value)
 
     def _on_drives(self, drives: DriveStatusArray) -> None:
         self.drives = drives

@@ -6,11 +6,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from husky_description import graph
+from husky_description.mujoco_model import flying_inertia
+from husky_description.robot import load_robot
 
-ParameterValue = bool | int | float | str
+ParameterValue = bool | int | float | str | tuple[float, ...]
 
 TIMES = ("lockstep", "realtime")
 """Clocks of a simulated robot."""
+_TILT_ENDS_FLIGHT = "FD_FAIL_R=45, FD_FAIL_P=45, FD_FAIL_R_TTRI=0.1"
+"""Of the unit alone, which tips over when it loses a fan; legs may stand on any slope."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +52,8 @@ def to_yaml(value: ParameterValue) -> str:
         return str(value).lower()
     if isinstance(value, str):
         return f'"{value}"' if value == "" or not value.isidentifier() else value
+    if isinstance(value, tuple):
+        return f"[{', '.join(map(repr, value))}]"
     return repr(value)
 
 
@@ -55,13 +61,17 @@ def simulated_robot(
     time: str = "lockstep",
     settings: Mapping[str, Mapping[str, ParameterValue]] | None = None,
     record: str | None = None,
+    remote: bool = False,
 ) -> tuple[NodeSpec, ...]:
-    """Return every node of the walking robot in simulation.
+    """Return every node of the robot in simulation.
+
+    Which robot it is says the plant's parameter `body`.
 
     Args:
         time: one of `TIMES`.
         settings: further parameters by node name.
         record: directory of the bag, or None for no recorder.
+        remote: whether the remote control takes part.
 
     Raises:
         ValueError: unknown clock, or settings of a node that is not there.
@@ -70,15 +80,36 @@ def simulated_robot(
         raise ValueError(f"time is {time!r}, it must be one of {', '.join(TIMES)}")
     # Without a real-time kernel ticks come late now and then; the drives need not brake for that.
     patience: dict[str, ParameterValue] = {"command_timeout": 0.03} if time == "realtime" else {}
-    specs = [
-        NodeSpec("husky_sim", graph.PLANT, {"time": time}),
-        NodeSpec("husky_drivers", graph.DRIVE_BRIDGE, {"time": time, "bus": "sim", **patience}),
-        NodeSpec("husky_drivers", graph.VN200_DRIVER, {"clock": "device"}),
-        NodeSpec("husky_control", graph.LOW_LEVEL_CONTROLLER, {"time": time}),
-    ]
+    settings = settings or {}
+    body = str(settings.get(graph.PLANT, {}).get("body", "robot"))
+    if body not in graph.BODIES:
+        raise ValueError(f"body is {body!r}, it must be one of {', '.join(graph.BODIES)}")
+    specs = [NodeSpec("husky_sim", graph.PLANT, {"time": time})]
+    if body != "unit":
+        fans: dict[str, ParameterValue] = {"propulsion": True} if body != "robot" else {}
+        specs += [
+            NodeSpec(
+                "husky_drivers", graph.DRIVE_BRIDGE, {"time": time, "bus": "sim", **patience}
+            ),
+            NodeSpec("husky_drivers", graph.VN200_DRIVER, {"clock": "device"}),
+            NodeSpec("husky_control", graph.LOW_LEVEL_CONTROLLER, {"time": time, **fans}),
+        ]
+    if body != "robot":
+        pixhawk: dict[str, ParameterValue] = {
+            "time": time,
+            "inertia": flying_inertia(load_robot(), body),
+        }
+        if body == "unit":
+            pixhawk["parameters"] = _TILT_ENDS_FLIGHT
+        specs += [
+            NodeSpec("husky_pu", graph.FLIGHT_CONTROLLER, pixhawk),
+            NodeSpec("husky_pu", graph.PIXHAWK_BRIDGE, {"time": time}),
+            NodeSpec("husky_drivers", graph.T265_DRIVER, {"clock": "device"}),
+        ]
+    if remote:
+        specs.append(NodeSpec("husky_pu", graph.RC_TRANSMITTER, {"time": time}))
     if record is not None:
         specs.append(NodeSpec("husky_bringup", graph.RECORDER, {"output": record}))
-    settings = settings or {}
     names = [spec.name for spec in specs]
     for name in settings:
         if name not in names:

@@ -201,3 +201,98 @@ class Drives(Table):
     bus_voltage: Array
     current: Array
     following_error: Array
+
+
+# The propulsion unit ---------------------------------------------------------------------------
+@dataclass(frozen=True, eq=False)
+class Fans(Table):
+    """The truth about fans, battery and ropes; fans in the order of the legs.
+
+    Attributes:
+        speed: of the rotors [rad/s] (n, 4).
+        thrust: [N] (n, 4).
+        current: that each speed controller draws [A] (n, 4).
+        battery_voltage: at the bus [V] (n,).
+        battery_current: out of the pack [A] (n,).
+        battery_charge: share left, 0 to 1 (n,).
+        force, moment: of all fans about the base's origin, in base [N], [N m] (n, 3).
+        rope_taut: left and right rope of the gantry pull (n, 2).
+    """
+
+    speed: Array
+    thrust: Array
+    current: Array
+    battery_voltage: Array
+    battery_current: Array
+    battery_charge: Array
+    force: Array
+    moment: Array
+    rope_taut: Mask
+
+
+@dataclass(frozen=True, eq=False)
+class Propulsion(Table):
+    """What the autopilot reports.
+
+    Attributes:
+        connected, armed: (n,).
+        mode, failsafe, reason: names; no failsafe is empty (n,).
+        attitude_desired, attitude: base in world, quaternion (x, y, z, w) (n, 4).
+        collective_desired: share of full thrust, 0 to 1 (n,).
+        pwm: pulses to the fans [us] (n, 4).
+        voltage: of the battery [V] (n,), NaN before it is known; renewed ten times a second.
+        current: out of it [A] (n,), as `voltage`.
+    """
+
+    connected: Mask
+    armed: Mask
+    mode: Words
+    failsafe: Words
+    reason: Words
+    attitude_desired: Array
+    attitude: Array
+    collective_desired: Array
+    pwm: NDArray[np.uint16]
+    voltage: Array
+    current: Array
+
+    @property
+    def rpy_desired(self) -> Array:
+        """Desired roll, pitch, yaw [rad] (n, 3), as `Base.rpy`."""
+        return to_rpy(self.attitude_desired)
+
+    @property
+    def rpy(self) -> Array:
+        """Measured roll, pitch, yaw [rad] (n, 3), as `Base.rpy`."""
+        return to_rpy(self.attitude)
+
+
+@dataclass(frozen=True, eq=False)
+class PropulsionCommands(Table):
+    """What the controller asks of the fans.
+
+    Attributes:
+        kind: NONE 0, ATTITUDE 1, WRENCH 2 (n,).
+        attitude: of base in world, quaternion (x, y, z, w) (n, 4).
+        force, moment: in base [N], [N m] (n, 3).
+    """
+
+    kind: NDArray[np.uint8]
+    attitude: Array
+    force: Array
+    moment: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Battery(Table):
+    """What the bridge tells of the battery.
+
+    Attributes:
+        voltage: [V] (n,).
+        current: drawn, negative [A] (n,).
+        percentage: share left, 0 to 1 (n,).
+    """
+
+    voltage: Array
+    current: Array
+    percentage: Array

@@ -22,6 +22,12 @@ from husky_description.robot import JOINT_NAMES
 
 _CAMERA = {"distance": 1.75, "azimuth": 120.0, "elevation": -14.0}
 """From behind the right flank [m, deg, deg]."""
+_GANTRY_CAMERA = {"azimuth": 150.0, "elevation": -5.0}
+"""From behind the right flank, lower: what hangs as well as the beam are seen [deg, deg]."""
+_BELOW_BASE = 0.55
+"""What hangs below the base, and some air [m]."""
+_TAUT_COLOUR = (0.85, 0.15, 0.10, 1.0)
+"""Of a rope that pulls."""
 _CAMERA_SMOOTHING = 1.0
 """The camera follows the mean position over this time [s]."""
 _LIGHT_DISTANCE = 2.0
@@ -61,8 +67,9 @@ def render(
     """Write an MP4 (H.264) of a recording.
 
     Args:
-        recording: with ground truth and joint states.
-        model: the world that was simulated: a free joint of the base, and the twelve joints.
+        recording: with ground truth, and joint states where there are legs.
+        model: the world that was simulated: a free joint of the base, and the twelve joints if
+            there are legs.
         path: of the file.
         size: width and height in pixels, even numbers.
         fps: frames per second of the film.
@@ -119,7 +126,7 @@ def snapshots(
     """Write a PNG with pictures of a recording side by side.
 
     Args:
-        recording: with ground truth and joint states.
+        recording: with ground truth, and joint states where there are legs.
         model: the world that was simulated.
         path: of the file.
         times: of the pictures [s].
@@ -146,6 +153,22 @@ def _set_reason(error: NoRenderingError) -> None:
     _reason = f"no video: {error}"
 
 
+def load_scene(path: Path) -> mujoco.MjModel:
+    """Return the world that the plant has saved, to look at.
+
+    What moves but has lost its mass on the way through XML gets one; a film needs none.
+
+    Raises:
+        ValueError: the file is no MuJoCo model.
+    """
+    spec = mujoco.MjSpec.from_file(str(path))
+    for body in spec.bodies[1:]:
+        if body.joints and not body.explicitinertial:
+            body.explicitinertial = True
+            body.mass, body.ipos, body.inertia = 1.0, np.zeros(3), np.ones(3)
+    return spec.compile()
+
+
 def _studio(model: mujoco.MjModel, smooth: bool) -> mujoco.MjModel:
     """Return a copy of a model that is lit for a film.
 
@@ -155,8 +178,9 @@ def _studio(model: mujoco.MjModel, smooth: bool) -> mujoco.MjModel:
     """
     copied = copy.copy(model)
     copied.vis.quality.offsamples = 4 if smooth else 0
+    wider = 2 if model.ntendon else 1  # what hangs is far from its shadow
     copied.vis.quality.shadowsize = _SHADOW_SIZE
-    copied.vis.map.shadowclip = _SHADOW_RADIUS / copied.stat.extent
+    copied.vis.map.shadowclip = wider * _SHADOW_RADIUS / copied.stat.extent
     copied.vis.headlight.ambient[:] = 0.32
     copied.vis.headlight.diffuse[:] = 0.28
     copied.vis.headlight.specular[:] = 0.1
@@ -166,9 +190,12 @@ def _studio(model: mujoco.MjModel, smooth: bool) -> mujoco.MjModel:
 
 
 def _limits(recording: Recording, start: float | None, end: float | None) -> tuple[float, float]:
-    """Return the times between which there is ground truth as well as joint states [s]."""
-    base, joints = recording.base.time, recording.joints.time
-    first, last = max(base[0], joints[0]), min(base[-1], joints[-1])
+    """Return the times between which there is ground truth, and joint states with legs [s]."""
+    base = recording.base.time
+    first, last = float(base[0]), float(base[-1])
+    if recording.has(graph.JOINT_STATES):
+        joints = recording.joints.time
+        first, last = max(first, joints[0]), min(last, joints[-1])
     return max(first, start or first), last if end is None else min(last, end)
 
 
@@ -176,14 +203,15 @@ def motion(recording: Recording, model: mujoco.MjModel, times: Array) -> Array:
     """Return MuJoCo positions of a recording (n, model.nq), interpolated.
 
     Args:
-        recording: with ground truth and joint states.
-        model: with a free joint and the twelve joints; what else moves in it stays where it is.
+        recording: with ground truth, and joint states where there are legs.
+        model: with a free joint and the twelve joints if there are legs; what else moves in it
+            stays where it is.
         times: [s] (n,).
 
     Raises:
         ValueError: the model has no free joint.
     """
-    base, joints = recording.base, recording.joints
+    base = recording.base
     free = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)
     if not len(free):
         raise ValueError("the model has no free joint for the base")
@@ -194,6 +222,9 @@ def motion(recording: Recording, model: mujoco.MjModel, times: Array) -> Array:
     inside = np.clip(times, base.time[0], base.time[-1])
     turns = Slerp(base.time, Rotation.from_quat(base.orientation))(inside)
     positions[:, at + 3 : at + 7] = turns.as_quat(scalar_first=True)
+    if not recording.has(graph.JOINT_STATES):
+        return positions
+    joints = recording.joints
     for index, name in enumerate(JOINT_NAMES):
         address = int(model.joint(name).qposadr[0])
         positions[:, address] = np.interp(times, joints.time, joints.position[:, index])
@@ -213,7 +244,8 @@ def _frames(
     captions = _Captions(recording)
     camera = canvas.camera
     camera.type = mujoco.mjtCamera.mjCAMERA_FREE
-    for name, value in _CAMERA.items():
+    gantry = _Gantry(recording, model) if model.ntendon else None
+    for name, value in (_CAMERA if gantry is None else _GANTRY_CAMERA).items():
         setattr(camera, name, value)
     for time, position in zip(times, motion(recording, model, times), strict=True):
         data.qpos[:] = position
@@ -223,6 +255,10 @@ def _frames(
         place = smooth[min(int(np.searchsorted(base.time, time)), len(smooth) - 1)]
         data.light_xpos[:] = position[:3] - _LIGHT_DISTANCE * data.light_xdir
         camera.lookat[:] = (place[0], place[1], place[2] - 0.12)
+        if gantry is not None:
+            gantry.dress(data, time)
+            camera.lookat[:] = (place[0] / 2, place[1] / 2, gantry.middle)
+            camera.distance = gantry.distance
 
         def add_forces(scene: mujoco.MjvScene, now: float = time) -> None:
             if contacts is None:
@@ -236,6 +272,35 @@ def _frames(
         yield captions.write(canvas.draw(data, add_forces), time)
 
 
+class _Gantry:
+    """Ropes of a gantry, as they are seen.
+
+    Attributes:
+        middle: height half way between the beam and the least height of what hangs [m].
+        distance: of a camera that sees all that is between [m].
+    """
+
+    def __init__(self, recording: Recording, model: mujoco.MjModel):
+        """Find the ropes: two tendons, left and right."""
+        self._model = model
+        self._slack = model.tendon_rgba.copy()
+        self._fans = recording.fans if recording.has(graph.FAN_STATE) else None
+        beam = float(model.body("trolley").pos[2]) + 0.1
+        low = max(0.0, float(recording.base.position[:, 2].min()) - _BELOW_BASE)
+        self.middle = (low + beam) / 2.0
+        half_view = np.radians(model.vis.global_.fovy) / 2.0
+        self.distance = 0.55 * (beam - low) / float(np.tan(half_view))
+
+    def dress(self, data: mujoco.MjData, time: float) -> None:
+        """Lay the ropes from end to end, and redden those that pull."""
+        mujoco.mj_tendon(self._model, data)
+        if self._fans is None:
+            return
+        row = max(0, int(np.searchsorted(self._fans.time, time, "right")) - 1)
+        pulls = self._fans.rope_taut[row, : self._model.ntendon, None]
+        self._model.tendon_rgba[:] = np.where(pulls, _TAUT_COLOUR, self._slack)
+
+
 class _Captions:
     """Writes time, mode and speed into pictures."""
 
@@ -247,6 +312,9 @@ class _Captions:
         self._states: Any = None
         if recording.has(graph.CONTROLLER_STATE):
             self._states = recording.controller
+        self._propulsion: Any = None
+        if recording.has(graph.PROPULSION_STATE):
+            self._propulsion = recording.propulsion
         self._font: Any = None
 
     def write(self, image: Image, time: float) -> Image:
@@ -259,6 +327,11 @@ class _Captions:
             row = max(0, int(np.searchsorted(states.time, time, "right")) - 1)
             mode = states.mode[row].replace("_", " ")
             text += f"   {mode}" + (f" ({states.gait[row]})" if mode == "walk" else "")
+        if self._propulsion is not None:
+            state = self._propulsion
+            row = max(0, int(np.searchsorted(state.time, time, "right")) - 1)
+            word = f"{100 * state.collective_desired[row]:.0f} % thrust"
+            text += f"   {word if state.armed[row] else 'disarmed'}"
         row = min(int(np.searchsorted(self._base.time, time)), len(self._speed) - 1)
         text += f"   {self._speed[row]:.2f} m/s"
         picture = PilImage.fromarray(image)

@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 
 from husky_bringup.bag import BagWriter, make_typestore
 from husky_description import graph
-from husky_description.robot import JOINT_NAMES
+from husky_description.robot import JOINT_NAMES, load_robot
 
 MESSAGES = Path(__file__).resolve().parents[2] / "husky_msgs" / "msg"
 FOREVER = QosTime(9223372036, 854775807)
@@ -65,7 +65,7 @@ class Messages:
         self._store = typestore
         self._types = typestore.types
 
-    def pack(self, kind: str, **fields: Any) -> bytes:
+    def pack(self, kind: str, /, **fields: Any) -> bytes:
         """Serialize a message; fields that are not given are zero or empty."""
         data: bytes = bytes(self._store.serialize_cdr(self._fill(kind, fields), kind))
         return data
@@ -96,6 +96,15 @@ class Messages:
 
     def _make(self, kind: str, values: Iterable[float]) -> Any:
         return self._types[f"geometry_msgs/msg/{kind}"](*map(float, values))
+
+    def quaternion(self, turn: Rotation) -> Any:
+        return self._make("Quaternion", turn.as_quat())
+
+    def wrench(self, force: Iterable[float], torque: Iterable[float]) -> Any:
+        make = self._make
+        return self._types["geometry_msgs/msg/Wrench"](
+            make("Vector3", force), make("Vector3", torque)
+        )
 
     def joint_states(self, time_ns: int, position: Any, velocity: Any, effort: Any) -> bytes:
         return self.pack(
@@ -277,4 +286,118 @@ def walk_bag(
 ) -> Path:
     path = tmp_path_factory.mktemp("walk") / "bag"
     write_bag(path, walk.content(messages))
+    return path
+
+
+class UnitFlight:
+    """A synthetic flight of the propulsion unit: it hangs, spins up, flies, and pulls at a rope.
+
+    Attributes are the numbers that it was made of.
+    """
+
+    duration = 6.0
+    spin_up = 1.0
+    taut = ((0.0, 1.5), (4.0, 4.5))
+    compass = 0.03
+    roll_slack, roll_taut = 0.01, 0.05
+    yaw = 0.2
+    current_idle, current_flying = 2.0, 20.0
+    charge, charge_rate = 0.95, -0.002
+    voltage_noise = 0.004
+    thrust = 3.0
+
+    def is_taut(self, time: float) -> bool:
+        return any(start - 1e-9 <= time < end - 1e-9 for start, end in self.taut)
+
+    def battery(self, time: float) -> tuple[float, float, float]:
+        """Charge, current, voltage: 95 % is half way between 4.11 V and 4.20 V of a cell."""
+        charge = self.charge + self.charge_rate * time
+        current = self.current_flying if time >= self.spin_up - 1e-9 else self.current_idle
+        unloaded = 6 * (4.11 + (charge - 0.9) / 0.1 * 0.09)
+        return charge, current, unloaded - 0.012 * current
+
+    def desired(self, time: float) -> Rotation:
+        """In the autopilot's world, whose north is the compass's."""
+        return Rotation.from_euler("ZYX", (self.yaw * np.sin(time) + self.compass, 0.0, 0.0))
+
+    def attitude(self, time: float) -> Rotation:
+        """Truth: rolled too far, and turned by the error of the compass."""
+        roll = self.roll_taut if self.is_taut(time) else self.roll_slack
+        level = Rotation.from_euler("z", -self.compass) * self.desired(time)
+        return level * Rotation.from_euler("x", roll)
+
+    def position(self, time: float) -> Any:
+        return np.array([0.1 * time, 0.3 * np.sin(time), 1.0])
+
+    def content(self, messages: Messages, mount: tuple[Any, Any]) -> Iterable[tuple[str, bytes]]:
+        """Give all messages; `mount` is place and angles of the camera in base."""
+        zeros = np.zeros(3)
+        camera = Rotation.from_euler("xyz", mount[1])
+        start, first = self.position(0.0), self.attitude(0.0)
+        heading = Rotation.from_euler("z", -first.as_euler("ZYX")[0])
+        for step in range(round(self.duration * 100) + 1):
+            time, time_ns = step / 100, step * 10_000_000
+            flying = time >= self.spin_up - 1e-9
+            charge, current, voltage = self.battery(time)
+            thrust = np.full(4, self.thrust * flying)
+            truth, place = self.attitude(time), self.position(time)
+            pack, stamp = messages.pack, messages.stamp(time_ns)
+            yield (
+                graph.FAN_STATE,
+                pack(
+                    "husky_msgs/msg/FanState",
+                    stamp=stamp,
+                    speed=500.0 * thrust,
+                    thrust=thrust,
+                    battery_voltage=voltage,
+                    battery_current=current,
+                    battery_charge=charge,
+                    wrench=messages.wrench((0.0, 0.0, thrust.sum()), (0.1, 0.2, 0.3)),
+                    rope_taut=np.array([self.is_taut(time), False]),
+                ),
+            )
+            yield (
+                graph.GROUND_TRUTH,
+                messages.odometry(time_ns, place, truth.as_quat(), zeros, zeros),
+            )
+            seen = heading * truth * camera
+            eye = heading.apply(place - start + truth.apply(mount[0]))
+            yield (
+                graph.T265_ODOMETRY,
+                messages.odometry(time_ns, eye, seen.as_quat(), zeros, zeros),
+            )
+            if step % 2 == 0:
+                north = Rotation.from_euler("z", self.compass)
+                yield (
+                    graph.PROPULSION_STATE,
+                    pack(
+                        "husky_msgs/msg/PropulsionState",
+                        stamp=stamp,
+                        armed=flying,
+                        mode="STABILIZED",
+                        attitude_desired=messages.quaternion(self.desired(time)),
+                        attitude=messages.quaternion(north * truth),
+                        collective_desired=0.15 * flying,
+                        pwm=np.full(4, 1300 if flying else 1000, np.uint16),
+                        voltage=voltage + self.voltage_noise * (-1) ** (step // 2),
+                        current=current,
+                    ),
+                )
+
+
+@pytest.fixture(scope="session")
+def unit_flight() -> UnitFlight:
+    return UnitFlight()
+
+
+@pytest.fixture(scope="session")
+def unit_bag(
+    tmp_path_factory: pytest.TempPathFactory,
+    write_bag: WriteBag,
+    messages: Messages,
+    unit_flight: UnitFlight,
+) -> Path:
+    path = tmp_path_factory.mktemp("unit") / "bag"
+    camera = load_robot().t265
+    write_bag(path, unit_flight.content(messages, (np.array(camera.position), camera.rpy.tolist())))
     return path

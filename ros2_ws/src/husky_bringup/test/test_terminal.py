@@ -20,8 +20,9 @@ from husky_bringup.terminal import Terminal
 
 SOURCES = Path(__file__).resolve().parents[1]
 CHILD = """
-import sys, time
+import signal, sys, time
 from husky_bringup.terminal import Terminal
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a background job ignores it
 terminal = Terminal.open()
 print("ready" if terminal else "none", flush=True)
 while terminal:

@@ -17,6 +17,8 @@ from husky_bringup import offscreen, video
 from husky_bringup.recording import Recording
 from husky_description.mujoco_model import build_spec
 from husky_description.robot import JOINT_NAMES, load_robot
+from husky_sim.gantry import GantryOptions
+from husky_sim.world import World, WorldOptions
 
 
 @pytest.fixture(scope="module")
@@ -124,3 +126,41 @@ def test_mujoco_gl_decides_where_it_can(monkeypatch: pytest.MonkeyPatch) -> None
         ctypes.util, "find_library", lambda name: "libOSMesa.so" if name == "OSMesa" else None
     )
     assert offscreen.find_backend() == "osmesa"
+
+
+def unit_world() -> World:
+    options = WorldOptions(body="unit", keyframe="stand", gantry=GantryOptions())
+    return World(load_robot(), options)
+
+
+def test_a_saved_world_with_a_gantry_can_be_loaded(tmp_path: Path) -> None:
+    world = unit_world()
+    path = tmp_path / "scene.xml"
+    path.write_text(world.scene_xml)
+    loaded = video.load_scene(path)
+    assert loaded.nq == world.model.nq
+    assert [loaded.tendon(i).name for i in range(2)] == ["rope_left", "rope_right"]
+    assert np.allclose(loaded.body("base").mass, world.model.body("base").mass)
+
+
+def test_motion_of_the_unit_alone(unit_bag: Path, unit_flight: Any) -> None:
+    times = np.array([0.5, 3.2, 5.0])
+    positions = video.motion(Recording(unit_bag), unit_world().model, times)
+    for time, qpos in zip(times, positions, strict=True):
+        assert np.allclose(qpos[:3], unit_flight.position(time), atol=1e-9)
+        turn = Rotation.from_quat(np.roll(qpos[3:7], -1))
+        assert (turn * unit_flight.attitude(time).inv()).magnitude() < 1e-9
+
+
+@pytest.mark.usefixtures("can_draw")
+def test_taut_ropes_are_red(unit_bag: Path, tmp_path: Path) -> None:
+    """At 4.2 s the left rope pulls, at 3 s none does."""
+    recording, model = Recording(unit_bag), unit_world().model
+    red = []
+    for time in (3.0, 4.2):
+        path = video.snapshots(recording, model, tmp_path / f"{time}.png", [time], smooth=False)
+        assert path is not None
+        with Image.open(path) as image:
+            pixels = np.asarray(image.convert("RGB")).astype(int)
+        red.append(int(np.sum((pixels[..., 0] > 90) & (pixels[..., 1:].max(axis=2) < 60))))
+    assert red[1] > red[0] + 50

@@ -9,16 +9,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from husky_control.assist import ThrustAssist
 from husky_control.contact import ContactObserver, ContactThresholds
 from husky_control.estimator import GRAVITY, Estimator, EstimatorNoise
 from husky_control.gait import GAITS
+from husky_control.hover import AIRBORNE, Hover
 from husky_control.kinematics import JOINTS, LEGS, Kinematics, forward_kinematics
 from husky_control.modes import ACTIVE, Event, Mode, ModeMachine, Transition
 from husky_control.parameters import Parameters
 from husky_control.posture import PostureMove
-from husky_control.rotation import matrix_from_quaternion, tilt_of
+from husky_control.rotation import matrix_from_quaternion, tilt_of, yaw_of
 from husky_control.safety import Safety, all_finite, limit_command
 from husky_control.stance import distribute_weight
+from husky_control.t265_pose import T265Pose
 from husky_control.walking import Walking
 
 if TYPE_CHECKING:
@@ -56,6 +59,9 @@ class Measurements:
     imu_age: float = 0.0  # s, of the IMU sample
     joint_age_ticks: int = 0  # ticks, of the joint states
     drives_operational: bool = False
+    fans_available: bool = False  # the propulsion unit is armed, listens and has no fail-safe
+    fans_yaw: float = math.nan  # rad, of base in the flight controller's world; nan: not known
+    pose: T265Pose = field(default_factory=T265Pose)  # newest of the tracking camera
 
     def take(self, other: Measurements) -> None:
         """Copy the values of another one.
@@ -73,6 +79,9 @@ class Measurements:
         self.imu_age = other.imu_age
         self.joint_age_ticks = other.joint_age_ticks
         self.drives_operational = other.drives_operational
+        self.fans_available = other.fans_available
+        self.fans_yaw = other.fans_yaw
+        self.pose.take(other.pose)
 
 
 @dataclass(slots=True)
@@ -119,6 +128,10 @@ class Controller:
         self._gait_name = "trot"
         self._walking = Walking(robot, self.parameters, self.parameters.gait(self._gait_name))
         self._move = PostureMove()
+        self.assist = ThrustAssist(robot, self.parameters)
+        self.hover = Hover(robot)
+        self._fly_posture = np.zeros(JOINTS)
+        self._fly_start = np.zeros(3)  # m, estimated position of the body before take-off
         self._pending_gait: str | None = None
         self._silent_ticks = 0
         # Copies: the kernels are compiled for these arrays, and the last good ones are kept.
@@ -149,6 +162,9 @@ class Controller:
             self._walking.stop_stepping()
             self._pending_gait = None
             return True, "stopping"
+        if name == "stand" and self.mode is Mode.FLY:
+            self.hover.land()
+            return True, "landing"
         row, message = self._machine.request(name)
         if row is None:
             self.counters.refused_requests += 1
@@ -277,6 +293,7 @@ class Controller:
         m.take(measurements)
         if not self._finite(m):
             self.counters.bad_measurements += 1
+            self.assist.reset()
             if self.mode in ACTIVE:
                 self._trip("a measurement is not finite")
             return self._limited(self._output())
@@ -299,6 +316,16 @@ class Controller:
             )
             if reason is not None:
                 self._trip(reason)
+        if self.mode is Mode.FLY and not m.fans_available:
+            self._trip("the fans are lost in flight")
+        self.assist.tick(
+            self.mode in (Mode.STAND, Mode.WALK),
+            m.fans_available,
+            self._rotation,
+            m.angular_velocity_base_in_base,
+            TICK,
+        )
+        self._walking.lift = self.assist.lift_in_world(self._rotation)
         return self._limited(self._output())
 
     def _estimate(self, m: Measurements) -> None:
@@ -315,6 +342,9 @@ class Controller:
         if self.mode not in ACTIVE:
             self._estimator.reset(self._foot_in_base, self._rotation)
             return
+        if self.mode is Mode.FLY and self.hover.phase in AIRBORNE:
+            self._estimate_in_flight()
+            return
         self._trust_feet()
         self._estimator.update(
             self._rotation,
@@ -328,6 +358,24 @@ class Controller:
             self._noise,
             TICK,
         )
+
+    def _estimate_in_flight(self) -> None:
+        """The feet tell nothing: the body is where the flight has brought it."""
+        estimator, hover = self._estimator, self.hover
+        yaw = yaw_of(self._rotation)
+        c, s = math.cos(yaw), math.sin(yaw)
+        x, y, _ = hover.error.tolist()
+        vx, vy, vz = hover.velocity.tolist()
+        estimator.reset(self._foot_in_base, self._rotation)
+        start = self._fly_start
+        place = (
+            start[0] - c * x + s * y,
+            start[1] - s * x - c * y,
+            start[2] + hover.height,
+        )
+        estimator.foot_in_world += np.subtract(place, estimator.position)
+        estimator.position[:] = place
+        estimator.velocity[:] = c * vx - s * vy, s * vx + c * vy, vz
 
     def _trust_feet(self) -> None:
         """How much each foot tells about the base: standing by the gait and loaded by its current.
@@ -369,7 +417,11 @@ class Controller:
             command.position[:] = self._walking.joint_position
             command.velocity[:] = self._walking.joint_velocity
             command.effort[:] = self._walking.joint_torque
+        elif mode is Mode.FLY:
+            self._fly()
         else:
+            if self.hover.active:
+                self.hover.fade(TICK)
             # Positions follow the joints, so that the next mode starts without a jump.
             command.position[:] = self._measurements.joint_position
             command.velocity.fill(0.0)
@@ -402,6 +454,24 @@ class Controller:
         if self.mode is Mode.WALK and walking.stopped:
             self._follow_event(Event.DONE, "feet down")
 
+    def _fly(self) -> None:
+        """Fly, or spool up and down; the legs keep their posture and carry what the fans do not."""
+        m, hover, command = self._measurements, self.hover, self.command
+        note = hover.note
+        hover.tick(
+            m.time, m.pose, self._rotation, m.specific_force_base,
+            int(self._contacts.contact.sum()), yaw_of(self._rotation), TICK,
+        )
+        if hover.note != note:
+            self.reason = hover.note
+        carried = max(0.0, hover.weight - hover.lift * float(self._rotation[2, 2]))
+        command.mode_of_operation = CYCLIC_POSITION
+        command.position[:] = self._fly_posture
+        command.velocity.fill(0.0)
+        self._carry(carried)
+        if hover.done:
+            self._follow_event(Event.DONE, hover.failed or "landed")
+
     def _weigh(self) -> None:
         """Torque feed-forward of standing up and sitting down: the legs take over the weight."""
         move, lifting = self._move, self.mode is Mode.STAND_UP
@@ -409,7 +479,10 @@ class Controller:
             part = move.progress if move.last_leg_of_the_way else 0.0
         else:
             part = 0.0 if move.done else 1.0 - move.progress
-        weight = self._walking.mass * GRAVITY * min(1.0, 4.0 * part)
+        self._carry(self._walking.mass * GRAVITY * min(1.0, 4.0 * part))
+
+    def _carry(self, weight: float) -> None:
+        """Torques that let four standing feet carry a weight [N]."""
         distribute_weight(
             self._foot_in_base, self._center, self._share, self._rotation, weight, 0.0, 0.0, weight,
             self._foot_force,
@@ -452,11 +525,39 @@ class Controller:
                 self._foot_force,
                 self.parameters.gait(self._gait_name),
             )
+        elif mode is Mode.FLY:
+            self._take_off()
+        elif mode is Mode.STAND and Mode.FLY in row.sources:
+            self._stand_again()
         elif mode is Mode.WALK:
             self._silent_ticks = 0
             self._walking.start_stepping(
                 self.parameters.gait(self._gait_name), self._estimator.position
             )
+
+        if mode not in (Mode.FLY, Mode.STAND) and self.hover.active:
+            self.hover.end(at_once=mode is Mode.EMERGENCY_STOP)
+
+    def _take_off(self) -> None:
+        """Begin a flight from standing; the fans go on with what they help already."""
+        m, yaw = self._measurements, yaw_of(self._rotation)
+        self._fly_posture[:] = self.command.position
+        self._fly_start[:] = self._estimator.position
+        fans_yaw = m.fans_yaw if math.isfinite(m.fans_yaw) else yaw
+        self.hover.begin(m.pose, yaw, fans_yaw, self.assist.force)
+        self.assist.reset()
+
+    def _stand_again(self) -> None:
+        """The flight is over: stand on the posture that it ended in."""
+        self.hover.finish()
+        forward_kinematics(self._geometry, self._fly_posture, self._foot_force, self._jacobian)
+        self._walking.lift = 0.0
+        self._walking.begin(
+            self._rotation,
+            self._estimator.position,
+            self._foot_force,
+            self.parameters.gait(self._gait_name),
+        )
 
     def _follow_event(self, event: Event, reason: str) -> None:
         row = self._machine.raise_event(event)
@@ -488,6 +589,12 @@ class Controller:
             speed = math.hypot(*self._estimator.velocity[:2])
             turning = math.hypot(*m.angular_velocity_base_in_base)
             return speed < REST_SPEED and turning < REST_RATE
+        if condition == "fans_available":
+            return m.fans_available
+        if condition == "pose_fresh":
+            return m.pose.usable(m.time)
+        if condition == "landed":
+            return self.hover.done
         raise KeyError(condition)
 
     # ------------------------------------------------------------------- parts

@@ -14,6 +14,7 @@ class Mode(Enum):
     STAND_UP = "stand_up"
     STAND = "stand"
     WALK = "walk"
+    FLY = "fly"
     SIT = "sit"
     DAMPING = "damping"
     EMERGENCY_STOP = "emergency_stop"
@@ -24,12 +25,13 @@ DESCRIPTIONS: dict[Mode, str] = {
     Mode.STAND_UP: "gathers the legs, then raises the body",
     Mode.STAND: "holds the body over four feet",
     Mode.WALK: "steps in a gait; also while it comes to a stop",
+    Mode.FLY: "hovers on the fans, legs in the standing posture; also take-off and landing",
     Mode.SIT: "lowers the body, then holds the sitting posture",
     Mode.DAMPING: "joints are held at zero velocity: the robot sinks",
     Mode.EMERGENCY_STOP: "joints get zero torque until an operator asks for passive",
 }
 
-ACTIVE = frozenset({Mode.STAND_UP, Mode.STAND, Mode.WALK, Mode.SIT})
+ACTIVE = frozenset({Mode.STAND_UP, Mode.STAND, Mode.WALK, Mode.FLY, Mode.SIT})
 """Modes in which the drives follow positions, and in which safety can trip."""
 
 
@@ -59,6 +61,9 @@ CONDITIONS: dict[str, str] = {
     "upright": "the body is tilted too far",
     "stopped": "the robot is still stepping",
     "at_rest": "the body is still moving",
+    "fans_available": "the fans are not armed or do not follow",
+    "pose_fresh": "the T265 gives no pose, or a doubtful one",
+    "landed": "the legs do not carry the weight yet",
 }
 """Name of each condition, and the reason given when it does not hold."""
 
@@ -87,6 +92,10 @@ TRANSITIONS: tuple[Transition, ...] = (
     _row(Mode.STAND,          Event.REQUEST, Mode.SIT,      ("sit",), ("at_rest",)),
     _row(Mode.WALK,           Event.DONE,    Mode.STAND,    conditions=("stopped",),
          label="stand requested, gait changed or command silent; all feet down"),
+    _row(Mode.STAND,          Event.REQUEST, Mode.FLY,      ("fly",),
+         (*_READY, "at_rest", "fans_available", "pose_fresh")),
+    _row(Mode.FLY,            Event.DONE,    Mode.STAND,    conditions=("landed",),
+         label="stand requested or T265 lost; down, weight on the legs"),
     _row(Mode.SIT,            Event.REQUEST, Mode.PASSIVE,  ("passive",)),
     _row(Mode.DAMPING,        Event.REQUEST, Mode.PASSIVE,  ("passive",)),
     _row(Mode.EMERGENCY_STOP, Event.REQUEST, Mode.PASSIVE,  ("passive",)),
@@ -98,7 +107,7 @@ TRANSITIONS: tuple[Transition, ...] = (
 # fmt: on
 
 REQUESTS: tuple[str, ...] = tuple(mode.value for mode in Mode)
-"""What may be requested; `stand` also stops walking, which then ends in the mode stand."""
+"""What may be requested; `stand` also stops walking and lands, which then end in the mode stand."""
 
 
 class ModeMachine:

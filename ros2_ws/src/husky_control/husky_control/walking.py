@@ -53,6 +53,7 @@ class Walking:
         self.geometry = leg_geometry(robot)
         self.parameters = parameters
         self.mass = float(robot.mass)
+        self.lift = 0.0  # N, upward, that something else than the legs gives
         self.stand_height = float(robot.stand_height)
         self.foot_radius = float(robot.foot_radius)
         self.clock = GaitClock(gait)
@@ -396,6 +397,7 @@ class Walking:
         )
         stiffness, damping = p["walk.attitude_stiffness"], p["walk.attitude_damping"]
         weight = self.mass * (GRAVITY + self._hop.acceleration) * p["walk.weight_share"]
+        weight = max(0.0, weight - self.lift)
         moment_x = moment_y = 0.0
         if stiffness or damping:
             w = rotation @ angular_velocity

@@ -17,7 +17,7 @@ from husky_control.modes import (
     ModeMachine,
 )
 
-WORDS = [*REQUESTS, "fly", "", "STAND"]
+WORDS = [*REQUESTS, "hover", "", "STAND"]
 STEP = st.tuples(
     st.one_of(st.sampled_from(WORDS), st.sampled_from([Event.DONE, Event.FAULT])),
     st.frozensets(st.sampled_from(sorted(CONDITIONS))),
@@ -73,10 +73,28 @@ def test_a_stopped_robot_moves_again_only_by_way_of_passive(mode):
 
 def test_legs_carry_the_body_only_after_standing_up():
     sources = {mode for row in TRANSITIONS if row.target is Mode.STAND for mode in row.sources}
-    assert sources == {Mode.STAND_UP, Mode.WALK}
+    assert sources == {Mode.STAND_UP, Mode.WALK, Mode.FLY}
     assert {mode for row in TRANSITIONS if row.target is Mode.WALK for mode in row.sources} == {
         Mode.STAND
     }
+
+
+def test_flight_begins_from_standing_and_ends_there_or_in_a_stop():
+    assert {mode for row in TRANSITIONS if row.target is Mode.FLY for mode in row.sources} == {
+        Mode.STAND
+    }
+    targets = {row.target for row in TRANSITIONS if Mode.FLY in row.sources}
+    assert targets == {Mode.STAND, Mode.DAMPING, Mode.EMERGENCY_STOP}
+    for missing in ("fans_available", "pose_fresh", "at_rest", "drives_operational"):
+        machine = in_mode(Mode.STAND, lambda condition, missing=missing: condition != missing)
+        assert machine.request("fly") == (None, f"fly refused: {CONDITIONS[missing]}")
+
+
+def test_flight_becomes_standing_only_when_the_legs_have_the_weight():
+    machine = in_mode(Mode.FLY, lambda condition: condition != "landed")
+    assert machine.raise_event(Event.DONE) is None and machine.mode is Mode.FLY
+    machine = in_mode(Mode.FLY)
+    assert machine.raise_event(Event.DONE) is not None and machine.mode is Mode.STAND
 
 
 def test_every_active_mode_can_be_stopped():

@@ -23,6 +23,13 @@ ODOMETRY = "/odometry"
 GROUND_TRUTH = "/plant/ground_truth"
 FOOT_CONTACTS = "/plant/foot_contacts"
 ESTIMATE_ERROR = "/plant/estimate_error"
+FLIGHT_SENSORS = "/plant/flight_sensors"
+FAN_COMMAND = "/plant/fan_command"
+FAN_STATE = "/plant/fan_state"
+PROPULSION_COMMAND = "/propulsion/command"
+PROPULSION_STATE = "/propulsion/state"
+BATTERY = "/propulsion/battery"
+T265_ODOMETRY = "/t265/odom"
 ROBOT_DESCRIPTION = "/robot_description"
 CLOCK = "/clock"
 DIAGNOSTICS = "/diagnostics"
@@ -35,6 +42,9 @@ DRIVES_EMERGENCY_STOP = "/drives/emergency_stop"
 DRIVES_INJECT_FAULT = "/drives/inject_fault"
 SET_MODE = "/controller/set_mode"
 SET_GAIT = "/controller/set_gait"
+PROPULSION_ARM = "/propulsion/arm"
+PROPULSION_SET_MODE = "/propulsion/set_mode"
+PROPULSION_KILL = "/propulsion/kill"
 PLANT_RESET = "/plant/reset"
 PLANT_PAUSE = "/plant/pause"
 PLANT_STEP = "/plant/step"
@@ -46,14 +56,23 @@ PLANT = "plant"
 DRIVE_BRIDGE = "drive_bridge"
 VN200_DRIVER = "vn200_driver"
 LOW_LEVEL_CONTROLLER = "low_level_controller"
+FLIGHT_CONTROLLER = "flight_controller"
+PIXHAWK_BRIDGE = "pixhawk_bridge"
+RC_TRANSMITTER = "rc_transmitter"
+T265_DRIVER = "t265_driver"
 RECORDER = "recorder"
 TELEOP = "teleop"
+
+# What stands in the world
+BODIES = ("robot", "robot_with_unit", "unit")
+"""Husky without fans, with them, or the propulsion unit alone: parameter `body` of the plant."""
 
 # Frames (REP-105)
 FRAME_WORLD = "world"
 FRAME_ODOM = "odom"
 FRAME_BASE = "base"
 FRAME_IMU = "imu_link"
+FRAME_T265 = "t265_link"
 
 
 @dataclass(frozen=True)
@@ -95,17 +114,41 @@ TOPICS = (
     Topic(GROUND_TRUTH, "nav_msgs/msg/Odometry", (PLANT,), "STATUS", 100.0),
     Topic(FOOT_CONTACTS, "husky_msgs/msg/FootContacts", (PLANT,), "STATUS", 100.0),
     Topic(ESTIMATE_ERROR, "husky_msgs/msg/EstimateError", (PLANT,), "STATUS", 50.0),
+    Topic(FLIGHT_SENSORS, "husky_msgs/msg/FlightSensors", (PLANT,), "CONTROL", 500.0),
+    Topic(FAN_COMMAND, "husky_msgs/msg/FanCommand", (FLIGHT_CONTROLLER,), "CONTROL", 500.0),
+    Topic(FAN_STATE, "husky_msgs/msg/FanState", (PLANT,), "STATUS", 100.0),
+    Topic(
+        PROPULSION_COMMAND,
+        "husky_msgs/msg/PropulsionCommand",
+        (LOW_LEVEL_CONTROLLER,),
+        "CONTROL",
+        100.0,
+    ),
+    Topic(
+        PROPULSION_STATE, "husky_msgs/msg/PropulsionState", (PIXHAWK_BRIDGE,), "STATUS", 50.0
+    ),
+    Topic(BATTERY, "sensor_msgs/msg/BatteryState", (PIXHAWK_BRIDGE,), "STATUS", 10.0),
+    Topic(T265_ODOMETRY, "nav_msgs/msg/Odometry", (T265_DRIVER,), "CONTROL", 200.0),
     Topic(ROBOT_DESCRIPTION, "std_msgs/msg/String", (DRIVE_BRIDGE,), "LATCHED", 0.0),
     Topic(CLOCK, "rosgraph_msgs/msg/Clock", (PLANT,), "CLOCK", 100.0),
     Topic(
         DIAGNOSTICS,
         "diagnostic_msgs/msg/DiagnosticArray",
-        (PLANT, DRIVE_BRIDGE, VN200_DRIVER, LOW_LEVEL_CONTROLLER),
+        (
+            PLANT,
+            DRIVE_BRIDGE,
+            VN200_DRIVER,
+            LOW_LEVEL_CONTROLLER,
+            FLIGHT_CONTROLLER,
+            PIXHAWK_BRIDGE,
+            T265_DRIVER,
+            RC_TRANSMITTER,
+        ),
         "STATUS",
         1.0,
     ),
 )
-"""Every topic of the walking graph."""
+"""Every topic of the graph; those of the propulsion unit are there when it is."""
 
 
 def topic(name: str) -> Topic:

@@ -69,7 +69,7 @@ def base_look(robot: Robot) -> list[Shape]:
     return [
         *_torso(robot),
         *_rack(robot),
-        *_propulsion_unit(robot),
+        *unit_look(robot),
         *_perch(robot),
         *_sensors(robot),
     ]
@@ -128,7 +128,7 @@ def _rack(robot: Robot) -> list[Shape]:
     return moved(shapes, robot.rack.position)
 
 
-def _propulsion_unit(robot: Robot) -> list[Shape]:
+def unit_look(robot: Robot) -> list[Shape]:
     """Four ducted fans on carbon arms, their speed controllers on the arms."""
     fans = robot.fans
     shapes = []

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from husky_description.look import base_look, hip_look
+from husky_description.look import base_look, hip_look, unit_look
 from husky_description.mujoco_look import (
     VISUAL_GROUP,
     add_look,
@@ -66,6 +66,72 @@ def build_spec(robot: Robot) -> mujoco.MjSpec:
     _add_keyframe(spec, robot, "sit", robot.sit_height, robot.sit_joint_position)
     _add_keyframe(spec, robot, "stand", robot.stand_height, robot.stand_joint_position)
     return spec
+
+
+def build_unit_spec(robot: Robot) -> mujoco.MjSpec:
+    """Make the propulsion unit alone, as `base` on a free joint, with the sites of `build_spec`.
+
+    It has the fans' and the payload's mass, the latter as a box between the fans; it stands on its
+    frame. Keyframe `stand`: on the ground.
+    """
+    spec = mujoco.MjSpec()
+    spec.modelname = f"{robot.name}_unit"
+    spec.compiler.degree = False
+    spec.compiler.autolimits = True
+    _set_options(spec)
+    _add_defaults(spec, robot)
+    add_materials(spec)
+    fans, size = robot.fans, robot.payload.size
+    base = spec.worldbody.add_body(name="base", pos=[0, 0, 0])
+    base.childclass = robot.name
+    base.add_freejoint(name="floating_base")
+    # All of the payload's mass belongs to the unit: half of it in the box, half in the fans.
+    half = robot.payload_mass / 2
+    box = (
+        half
+        / 12
+        * np.array(
+            [size[1] ** 2 + size[2] ** 2, size[0] ** 2 + size[2] ** 2, size[0] ** 2 + size[1] ** 2]
+        )
+    )
+    arms = half * np.array([fans.y**2, fans.x**2, fans.x**2 + fans.y**2])
+    _set_inertia(base, 2 * half, [0.0, 0.0, fans.z], box + arms)
+    bottom = fans.z - fans.height / 2
+    half_sizes = np.array([fans.x + fans.outer_radius, fans.y + fans.outer_radius, fans.height / 2])
+    _add_collision(
+        spec, base, "unit", mujoco.mjtGeom.mjGEOM_BOX, size=half_sizes, pos=[0.0, 0.0, fans.z]
+    )
+    carbon = spec.find_default(robot.name)
+    base.add_site(carbon, name="imu", pos=robot.imu.position, quat=_quaternion(robot.imu.rpy))
+    base.add_site(carbon, name="t265", pos=robot.t265.position, quat=_quaternion(robot.t265.rpy))
+    for leg, position in zip(robot.legs, robot.fan_position, strict=True):
+        base.add_site(carbon, name=f"{leg}_fan", pos=position)
+    add_look(spec, base, "base", unit_look(robot))
+    spec.add_key(name="stand", qpos=[0.0, 0.0, -bottom, 1.0, 0.0, 0.0, 0.0])
+    return spec
+
+
+def flying_inertia(robot: Robot, body: str) -> tuple[float, float, float]:
+    """Return the inertia about roll, pitch and yaw through the centre of mass [kg m^2].
+
+    Args:
+        robot: its numbers.
+        body: `unit`, or anything else for the standing robot.
+    """
+    spec = build_unit_spec(robot) if body == "unit" else build_spec(robot)
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, model.key("stand").id)
+    mujoco.mj_forward(model, data)
+    base = model.body("base").id
+    inertia = np.zeros(3)
+    for index in range(base, model.nbody):
+        offset = data.xipos[index] - data.subtree_com[base]
+        axes = data.ximat[index].reshape(3, 3)
+        own = axes**2 @ model.body_inertia[index]
+        inertia += own + model.body_mass[index] * (offset @ offset - offset**2)
+    roll, pitch, yaw = (round(float(value), 4) for value in inertia)
+    return roll, pitch, yaw
 
 
 def _set_options(spec: mujoco.MjSpec) -> None:

@@ -52,6 +52,8 @@ _SECTIONS: dict[str, type[Any]] = {
     "imu": sections.Imu,
     "t265": sections.T265,
     "fans": sections.Fans,
+    "esc": sections.Esc,
+    "battery": sections.Battery,
     "perch": sections.Box,
     "torso": sections.Box,
     "rack": sections.Box,
@@ -143,6 +145,8 @@ class Robot:
     imu: sections.Imu
     t265: sections.T265
     fans: sections.Fans
+    esc: sections.Esc
+    battery: sections.Battery
     perch: sections.Box
     torso: sections.Box
     rack: sections.Box
@@ -323,6 +327,7 @@ def _check_together(read: Mapping[str, Any]) -> None:
         ("gear", "repeated_peak_torque", "momentary_peak_torque"),
         ("gear", "momentary_peak_torque", "ratcheting_torque"),
         ("drive", "continuous_current", "peak_current"),
+        ("esc", "pulse_low", "pulse_start"),
     )
     for section, small, large in pairs:
         low, high = getattr(read[section], small), getattr(read[section], large)
@@ -335,3 +340,15 @@ def _check_together(read: Mapping[str, Any]) -> None:
     inertia = read["body"].inertia
     if 2 * inertia.max() > inertia.sum():
         raise ValueError(f"body.inertia: {inertia.tolist()}: one exceeds the sum of the other two")
+    fans: sections.Fans = read["fans"]
+    if fans.spin.tolist() not in ([1.0, -1.0, -1.0, 1.0], [-1.0, 1.0, 1.0, -1.0]):
+        raise ValueError(
+            f"fans.spin: {fans.spin.tolist()}: each is 1 or -1, neighbours of opposite sense"
+        )
+    if not fans.no_load_current < fans.full_current < fans.voltage / fans.resistance:
+        raise ValueError(
+            f"fans.efficiency: {fans.efficiency:g} asks for {fans.full_current:.1f} A, outside "
+            "fans.no_load_current to fans.voltage / fans.resistance"
+        )
+    if np.any(np.diff(read["battery"].cell_voltage) <= 0.0):
+        raise ValueError("battery.cell_voltage: does not rise with the charge")

@@ -3,6 +3,7 @@
 SI units and radians; sources of the values stand in carbon.yaml.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -156,17 +157,31 @@ class Imu:
 
 @dataclass(frozen=True, eq=False)
 class T265:
-    """Tracking camera: pose in base [m, rad], size of its case [m], rate [Hz]."""
+    """Tracking camera: pose in base [m, rad], size of its case [m], rate [Hz], errors (SI)."""
 
     position: Annotated[Array, vector(3, -0.5, 0.5)]
     rpy: Annotated[Array, vector(3, -3.15, 3.15)]
     size: Annotated[Array, vector(3, 0.001, 0.5)]
     rate: Annotated[float, number(1.0, 1000.0)]
+    drift: Annotated[float, number(0.0, 0.1)]
+    drift_length: Annotated[float, number(0.1, 1e6)]
+    position_noise: Annotated[float, number(0.0, 0.1)]
+    attitude_noise: Annotated[float, number(0.0, 0.1)]
+    velocity_noise: Annotated[float, number(0.0, 1.0)]
+    angular_velocity_noise: Annotated[float, number(0.0, 1.0)]
+    acceleration_noise: Annotated[float, number(0.0, 10.0)]
+    warm_up: Annotated[float, number(0.0, 60.0)]
+    fast_rotation: Annotated[float, number(0.1, 100.0)]
 
 
 @dataclass(frozen=True, eq=False)
 class Fans:
-    """Four ducted fans at (+-x, +-y, z) in base, thrust along base z; lengths [m]."""
+    """Four ducted fans at (+-x, +-y, z) in base, thrust along base z; lengths [m].
+
+    Senses of rotation about base z [-1 or 1], flow area [m^2], air density [kg/m^3], and at full
+    throttle on `voltage` [V]: thrust [N], speed [rad/s], efficiency [-]. Resistance [ohm], no-load
+    current [A], inertia of the rotor [kg m^2], share of the drag torque left on the body [-].
+    """
 
     x: Annotated[float, number(0.0, 1.0)]
     y: Annotated[float, number(0.0, 1.0)]
@@ -174,3 +189,52 @@ class Fans:
     inner_radius: Annotated[float, number(0.005, 0.3)]
     outer_radius: Annotated[float, number(0.005, 0.3)]
     height: Annotated[float, number(0.005, 0.5)]
+    spin: Annotated[Array, vector(4, -1.0, 1.0)]
+    flow_area: Annotated[float, number(1e-5, 0.3)]
+    air_density: Annotated[float, number(0.3, 1.5)]
+    max_thrust: Annotated[float, number(0.5, 200.0)]
+    voltage: Annotated[float, number(3.0, 100.0)]
+    max_speed: Annotated[float, number(100.0, 20000.0)]
+    efficiency: Annotated[float, number(0.05, 0.95)]
+    resistance: Annotated[float, number(1e-3, 1.0)]
+    no_load_current: Annotated[float, number(0.0, 20.0)]
+    rotor_inertia: Annotated[float, number(1e-6, 1e-2)]
+    body_torque_share: Annotated[float, number(0.01, 1.0)]
+
+    @property
+    def full_current(self) -> float:
+        """Current at full throttle on `voltage` [A]: jet power over efficiency and voltage."""
+        flow = self.air_density * self.flow_area
+        jet_power = self.max_thrust * math.sqrt(self.max_thrust / flow) / 2.0
+        return jet_power / (self.efficiency * self.voltage)
+
+
+@dataclass(frozen=True, eq=False)
+class Esc:
+    """Speed controller of a fan: pulses [us], times [s], current [A], cut-off [V], [1/(V s)]."""
+
+    pulse_low: Annotated[float, number(800.0, 1500.0)]
+    pulse_high: Annotated[float, number(1500.0, 2200.0)]
+    pulse_start: Annotated[float, number(800.0, 1500.0)]
+    arming_time: Annotated[float, number(0.0, 10.0)]
+    pulse_timeout: Annotated[float, number(1e-3, 2.0)]
+    throttle_lag: Annotated[float, number(0.0, 2.0)]
+    current_limit: Annotated[float, number(1.0, 500.0)]
+    cutoff_cell_voltage: Annotated[float, number(0.0, 4.0)]
+    cutoff_gain: Annotated[float, number(0.0, 10.0)]
+
+
+@dataclass(frozen=True, eq=False)
+class Battery:
+    """Pack: cells in series, capacity [A s], open-circuit voltage of a cell over charge [V].
+
+    That voltage stands at 0, 10, .. 100 % of charge. Resistance of a cell and of the wiring [ohm];
+    constant power of everything but the fans [W].
+    """
+
+    cells: Annotated[int, count(1, 24)]
+    capacity: Annotated[float, number(100.0, 1e6)]
+    cell_voltage: Annotated[Array, vector(11, 1.0, 5.0)]
+    cell_resistance: Annotated[float, number(1e-5, 0.1)]
+    wiring_resistance: Annotated[float, number(0.0, 0.1)]
+    idle_power: Annotated[float, number(0.0, 500.0)]

@@ -10,16 +10,21 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from husky_description.graph import TICK_PERIOD_NS
-from husky_description.mujoco_model import build_spec
+from husky_description.gantry import GantryOptions
+from husky_description.graph import BODIES, TICK_PERIOD_NS
+from husky_description.mujoco_model import build_spec, build_unit_spec
 from husky_description.robot import Robot
 from husky_sim import terrain
+from husky_sim.fans_in_world import FansInWorld, add_autopilot
+from husky_sim.gantry import Gantry, add_gantry
 from husky_sim.motor import Servos, ServoTiming
 
 Array = NDArray[np.float64]
 
 IMU_PERIOD_NS = 1_250_000
 """Period of the VN-200's output [ns]: 800 Hz (thesis T4)."""
+POSE_PERIOD_NS = 5_000_000
+"""Period of the T265's poses [ns]: 200 Hz (thesis T4)."""
 
 
 @dataclass(frozen=True)
@@ -68,6 +73,9 @@ class WorldOptions:
         timestep: physics step [s]; must divide the tick of 2 ms.
         keyframe: initial posture, "sit" or "stand".
         seed: of terrain and devices.
+        body: one of `husky_description.graph.BODIES`.
+        gantry: the gantry over it, or None.
+        start_height: added to the keyframe's height [m], to hang in the ropes, say.
     """
 
     terrain: terrain.TerrainOptions = field(default_factory=terrain.TerrainOptions)
@@ -76,6 +84,9 @@ class WorldOptions:
     timestep: float = 0.0005
     keyframe: str = "sit"
     seed: int = 0
+    body: str = "robot"
+    gantry: GantryOptions | None = None
+    start_height: float = 0.0
 
     def __post_init__(self) -> None:
         """Refuse what cannot be simulated.
@@ -87,6 +98,10 @@ class WorldOptions:
             raise ValueError(
                 f"contact is {self.contact!r}, it must be one of {', '.join(CONTACT_PRESETS)}"
             )
+        if self.body not in BODIES:
+            raise ValueError(f"body is {self.body!r}, it must be one of {', '.join(BODIES)}")
+        if not 0.0 <= self.start_height <= 5.0:
+            raise ValueError(f"start_height is {self.start_height} m, it must be within 0 and 5")
         if self.friction is not None and not 0.0 < self.friction <= 5.0:
             raise ValueError(f"friction is {self.friction}, it must be above 0 and at most 5")
         ticks = TICK_PERIOD_NS / 1e9 / self.timestep if self.timestep > 0 else 0.0
@@ -99,7 +114,7 @@ class WorldOptions:
 
 def build_scene(robot: Robot, options: WorldOptions) -> mujoco.MjSpec:
     """Return the robot in its world: ground, light, sky."""
-    spec = build_spec(robot)
+    spec = build_unit_spec(robot) if options.body == "unit" else build_spec(robot)
     preset = CONTACT_PRESETS[options.contact]
     spec.option.timestep = options.timestep
     spec.visual.headlight.ambient = [0.35, 0.35, 0.35]
@@ -129,6 +144,10 @@ def build_scene(robot: Robot, options: WorldOptions) -> mujoco.MjSpec:
         ("imu_accelerometer", mujoco.mjtSensor.mjSENS_ACCELEROMETER),
     ):
         spec.add_sensor(name=name, type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname="imu")
+    if options.body != "robot":
+        add_autopilot(spec, robot)
+    if options.gantry is not None:
+        add_gantry(spec, options.gantry)
     terrain.build(spec, options.terrain, options.seed)
     friction = preset.friction if options.friction is None else options.friction
     for geom in spec.geoms:
@@ -172,6 +191,24 @@ class ImuSample(NamedTuple):
     specific_force: list[float]
 
 
+class PoseSample(NamedTuple):
+    """Motion of the base, for the T265; plain floats.
+
+    Attributes:
+        time_ns: of the sample [ns].
+        position: of base in world [m] (3,).
+        orientation: base in world, quaternion (x, y, z, w).
+        velocity: of base's origin in world [m/s] (3,).
+        angular_velocity: in base [rad/s] (3,).
+    """
+
+    time_ns: int
+    position: list[float]
+    orientation: tuple[float, float, float, float]
+    velocity: list[float]
+    angular_velocity: list[float]
+
+
 class World:
     """The simulated world, advanced by ticks of 2 ms.
 
@@ -181,6 +218,8 @@ class World:
         scene_xml: the world as MuJoCo XML, to look at or to render recordings with.
         time_ns: simulated time [ns].
         servos: the drives' power stages, evaluated between physics steps.
+        fans: the propulsion unit, or None.
+        gantry: the gantry, or None.
     """
 
     def __init__(self, robot: Robot, options: WorldOptions):
@@ -196,14 +235,23 @@ class World:
         self._step_ns = TICK_PERIOD_NS // self._substeps
         self._base = self.model.body("base").id
         # Views of MuJoCo's memory: free joint first, then the 12 joints in joint order.
-        self.joint_position: Array = self.data.qpos[7:19]
-        self.joint_velocity: Array = self.data.qvel[6:18]
-        self.servos.torque = self.data.ctrl[:12]
+        self.has_legs = options.body != "unit"
+        self.joint_position: Array = self.data.qpos[7:19] if self.has_legs else np.zeros(12)
+        self.joint_velocity: Array = self.data.qvel[6:18] if self.has_legs else np.zeros(12)
+        if self.has_legs:
+            self.servos.torque = self.data.ctrl[:12]
+        unit = options.body != "robot"
+        self.fans = FansInWorld(robot, self.model, self.data) if unit else None
+        self.gantry = (
+            Gantry(self.model, self.data, options.gantry) if options.gantry is not None else None
+        )
         self._imu_orientation = self._sensor("imu_orientation")
         self._imu_gyro = self._sensor("imu_gyro")
         self._imu_accelerometer = self._sensor("imu_accelerometer")
         self._foot_geoms = {
-            self.model.geom(f"{leg}_foot").id: index for index, leg in enumerate(robot.legs)
+            self.model.geom(f"{leg}_foot").id: index
+            for index, leg in enumerate(robot.legs)
+            if self.has_legs
         }
         self.reset(options.keyframe)
 
@@ -222,9 +270,13 @@ class World:
         if keyframe not in names:
             raise ValueError(f"keyframe is {keyframe!r}, it must be one of {', '.join(names)}")
         mujoco.mj_resetDataKeyframe(self.model, self.data, self.model.key(keyframe).id)
+        self.data.qpos[2] += self.options.start_height
+        if self.fans is not None:
+            self.fans.reset()
         mujoco.mj_forward(self.model, self.data)
         self.time_ns = 0
-        self._next_imu_ns = 0
+        self._next_imu_ns = self._next_pose_ns = 0
+        self.poses: list[PoseSample] = []
         self._push_until_ns = 0
         self._push_body = self._base
         self._hash = hashlib.sha256()
@@ -241,8 +293,19 @@ class World:
             self._push_until_ns = 0
         now = self.time_ns
         step_servos, step_physics = servos.step, mujoco.mj_step
+        if self.gantry is not None:
+            self.gantry.advance(TICK_PERIOD_NS / 1e9)
+        fans = self.fans
+        if fans is not None:
+            self.poses.clear()
+            self._power_drives(fans)
         for _ in range(self._substeps):
             step_servos(position, velocity)
+            if fans is not None:
+                if self._next_pose_ns <= now:
+                    self._next_pose_ns += POSE_PERIOD_NS
+                    self.poses.append(self._pose_sample(now))
+                fans.step(self._drives_power)
             step_physics(model, data)
             now += self._step_ns
             # Sensors now hold the state at the start of the step, the newest that a sample that is
@@ -262,6 +325,17 @@ class World:
         return ImuSample(
             time_ns, (x, y, z, w), self._imu_gyro.tolist(), self._imu_accelerometer.tolist()
         )
+
+    def _power_drives(self, fans: FansInWorld) -> None:
+        """The drives hang on the unit's battery: its voltage is theirs, their power its load."""
+        self.servos.bus_voltage = fans.unit.battery_voltage
+        power = float(self.data.ctrl[:12] @ self.joint_velocity) if self.has_legs else 0.0
+        self._drives_power = max(0.0, power)
+
+    def _pose_sample(self, time_ns: int) -> PoseSample:
+        q, v = self.data.qpos, self.data.qvel
+        w, x, y, z = q[3:7].tolist()
+        return PoseSample(time_ns, q[0:3].tolist(), (x, y, z, w), v[0:3].tolist(), v[3:6].tolist())
 
     def push(self, body: str, force: Array, torque: Array, duration: float) -> None:
         """Apply a wrench to a body from the next tick on.

@@ -11,12 +11,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from husky_description.pty_port import PtyPort, receive
 from husky_description.robot import load_robot
 from husky_drivers.vn200_imu import ImuFigures, swap_body, swap_world_and_body
 from husky_drivers.vn200_link import Vn200Link
 from husky_drivers.vn200_protocol import BAUDS, encode_ascii
 from husky_drivers.vn200_session import Session, SessionConfig, State
-from husky_sim.pty_port import PtyPort, receive
 from husky_sim.vn200_device import Vn200Device, Vn200Options
 
 FIGURES = ImuFigures.of(load_robot().imu)

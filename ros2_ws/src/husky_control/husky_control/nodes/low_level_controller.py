@@ -18,10 +18,13 @@ from sensor_msgs.msg import Imu, JointState
 
 from husky_control.controller import Controller, Measurements
 from husky_control.modes import Mode
+from husky_control.nodes.fans_link import FansLink
 from husky_control.nodes.imu_decoder import ImuSample, decode_imu
+from husky_control.nodes.pose_link import PoseLink
 from husky_control.parameters import TABLE, Parameters
 from husky_control.rotation import matrix_from_quaternion
 from husky_control.stability import static_margin
+from husky_control.t265_pose import T265Pose
 from husky_description import graph
 from husky_description.lockstep import Peer, Presence
 from husky_description.nodes import diagnostics, qos, stamps
@@ -67,7 +70,16 @@ class LowLevelController(Node):
         grace = declare(
             self, "grace", 1.0, "wall time a silent IMU is waited for [s]", lower=0.2, upper=60.0
         )
-        robot = load_robot()
+        fans = declare(self, "propulsion", False, "the robot carries the propulsion unit")
+        payload = declare(
+            self,
+            "payload",
+            -1.0,
+            "payload [kg], negative for 7.6 kg in all",
+            lower=-1.0,
+            upper=10.0,
+        )
+        robot = load_robot() if payload < 0.0 else load_robot(payload_mass=payload)
         parameters = Parameters()
         for name, row in TABLE.items():
             value = declare(
@@ -115,6 +127,12 @@ class LowLevelController(Node):
                 JointState, graph.JOINT_STATES, self._on_joint_states, qos.CONTROL
             ),
         ]
+        self._fans = FansLink(self, grace, lockstep=self._lockstep) if fans else None
+        if self._fans is not None:
+            self.hot.insert(0, self._fans.hot)
+        self._poses = PoseLink(self, grace, lockstep=self._lockstep) if fans else None
+        if self._poses is not None:
+            self.hot.insert(0, self._poses.hot)
         self.hot_timers: list[Timer] = []
         self.create_service(SetMode, graph.SET_MODE, self._on_set_mode)
         self.create_service(SetGait, graph.SET_GAIT, self._on_set_gait)
@@ -177,6 +195,11 @@ class LowLevelController(Node):
         self._imu.restart(newer[-1].time_ns if newer else -1)
         self._joint_time_ns = -1
         self._operational = False
+        if self._fans is not None:
+            self._fans.restart()
+        if self._poses is not None:
+            self._poses.restart()
+        self._measurements.pose = T265Pose()
         self.get_logger().warning("time has gone back: passive")
 
     def quiet(self) -> None:
@@ -184,6 +207,10 @@ class LowLevelController(Node):
         if self._pending:
             if self._imu.expire(time.monotonic()):
                 self.get_logger().warning(f"{self._imu.name} is silent: going on without it")
+            if self._fans is not None:
+                self._fans.watch(self._joint_time_ns)
+            if self._poses is not None:
+                self._poses.watch(self._joint_time_ns)
             self._tick_when_complete()
 
     def _settle(self) -> None:
@@ -195,7 +222,9 @@ class LowLevelController(Node):
     # The tick -------------------------------------------------------------------------------
     def _tick_when_complete(self) -> None:
         due = self._joint_time_ns - _IMU_PERIOD_NS
-        if not self._lockstep or self._imu.ready(due):
+        fans = self._fans is None or self._fans.ready(self._joint_time_ns)
+        poses = self._poses is None or self._poses.ready(self._joint_time_ns)
+        if not self._lockstep or (self._imu.ready(due) and fans and poses):
             self._pending = False
             self._tick()
             while self._later:
@@ -211,6 +240,11 @@ class LowLevelController(Node):
         measurements.joint_torque[:] = state.effort
         measurements.drives_operational = self._operational
         self._take_imu(measurements)
+        if self._fans is not None:
+            measurements.fans_available = self._fans.available(self._joint_time_ns)
+            measurements.fans_yaw = self._fans.yaw(self._joint_time_ns)
+        if self._poses is not None:
+            self._poses.take(self._joint_time_ns, measurements.pose)
         command, message = self._controller.tick(measurements), self._command
         stamps.fill(message.stamp, self._joint_time_ns)
         stamps.fill(message.imu_stamp, self._imu_time_ns)
@@ -219,6 +253,8 @@ class LowLevelController(Node):
         message.velocity = command.velocity
         message.effort = command.effort
         self._command_publisher.publish(message)
+        if self._fans is not None:
+            self._fans.tell(self._joint_time_ns, self._controller)
         self._tick_clock.end()
         if self._tick_clock.ticks % _REPORT_EVERY == 0:
             self._publish_state()

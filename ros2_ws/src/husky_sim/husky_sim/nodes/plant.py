@@ -9,22 +9,27 @@ from pathlib import Path
 
 import numpy as np
 from nav_msgs.msg import Odometry
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 from scipy.spatial.transform import Rotation
 from std_srvs.srv import SetBool
 
 from husky_description import graph
+from husky_description.gantry import GantryOptions
 from husky_description.lockstep import Peer, Presence
 from husky_description.nodes import diagnostics, qos, stamps
 from husky_description.nodes.parameters import declare
 from husky_description.nodes.run import run
 from husky_description.nodes.tick_clock import TickClock, percentile_ms
+from husky_description.pty_port import PtyPort
 from husky_description.robot import load_robot
 from husky_drivers.vn200_imu import ImuFigures
 from husky_msgs.msg import EstimateError, FootContacts, ServoCommand, ServoState
 from husky_msgs.srv import ApplyWrench, InjectFault, ResetWorld, StepWorld
-from husky_sim.pty_port import PtyPort
+from husky_sim.gantry import RAIL
+from husky_sim.nodes.propulsion_wires import PropulsionWires
 from husky_sim.terrain import KINDS, TerrainOptions
 from husky_sim.vn200_device import Vn200Device
 from husky_sim.world import CONTACT_PRESETS, Array, World, WorldOptions
@@ -85,6 +90,7 @@ class Plant(Node):
         self._steps_left = 0
         self._started = False
         self._overruns = 0
+        self._wires: PropulsionWires | None = None
         self._tick_clock = TickClock(graph.TICK_PERIOD)
         self._imu_sent: dict[int, float] = {}
         self._truths: dict[int, tuple[Array, Array, Array]] = {}
@@ -109,11 +115,18 @@ class Plant(Node):
                 ServoCommand, graph.SERVO_COMMAND, self._on_command, qos.CONTROL
             ),
         ]
+        if self._world.fans is not None:
+            self._wires = PropulsionWires(self, self._world, self._seed, grace, self._on_answer)
+            self.hot.append(self._wires.hot)
+        if not self._world.has_legs:
+            self._bridge = Peer(graph.DRIVE_BRIDGE, grace, start_grace=None)
+            self._imu_driver = Peer(graph.VN200_DRIVER, grace, start_grace=None)
         self.create_service(ResetWorld, graph.PLANT_RESET, self._on_reset)
         self.create_service(SetBool, graph.PLANT_PAUSE, self._on_pause)
         self.create_service(StepWorld, graph.PLANT_STEP, self._on_step)
         self.create_service(ApplyWrench, graph.PLANT_APPLY_WRENCH, self._on_apply_wrench)
         self.create_service(InjectFault, graph.PLANT_INJECT_FAULT, self._on_inject_fault)
+        self.add_on_set_parameters_callback(self._on_set_parameters)
         self._diagnostics = diagnostics.Diagnostics(self, "MuJoCo", self._report)
         self.hot_timers = []
         if not self._lockstep:
@@ -155,8 +168,49 @@ class Plant(Node):
             keyframe=declare(
                 self, "keyframe", defaults.keyframe, "initial posture", allowed=("sit", "stand")
             ),
+            body=declare(
+                self, "body", defaults.body, "what stands in the world", allowed=graph.BODIES
+            ),
+            gantry=self._gantry_options(),
+            start_height=declare(
+                self,
+                "start_height",
+                0.0,
+                "above the posture's own height [m]",
+                lower=0.0,
+                upper=5.0,
+            ),
             seed=declare(self, "seed", defaults.seed, "of all noise", lower=0, upper=2**31 - 1),
         )
+
+    def _gantry_options(self) -> GantryOptions | None:
+        defaults = GantryOptions()
+        wanted = declare(self, "gantry", False, "a gantry with two ropes over the body")
+        options = GantryOptions(
+            height=declare(
+                self, "gantry_height", defaults.height, "of the beam [m]", lower=0.5, upper=10.0
+            ),
+            rope=declare(
+                self, "rope_length", defaults.rope, "of each rope [m]", lower=0.1, upper=10.0
+            ),
+        )
+        declare(
+            self,
+            "trolley_position",
+            0.0,
+            "where the gantry's trolley is sent along x [m]",
+            lower=-RAIL,
+            upper=RAIL,
+            read_only=False,
+        )
+        return options if wanted else None
+
+    def _on_set_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
+        """Move the trolley."""
+        for parameter in parameters:
+            if parameter.name == "trolley_position" and self._world.gantry is not None:
+                self._world.gantry.move_to(parameter.value)
+        return SetParametersResult(successful=True)
 
     # The tick -------------------------------------------------------------------------------
     def _on_command(self, command: ServoCommand) -> None:
@@ -177,6 +231,9 @@ class Plant(Node):
             command.kd,
             command.torque_limit,
         )
+        self._on_answer()
+
+    def _on_answer(self) -> None:
         if self._lockstep:
             self._advance()
 
@@ -198,6 +255,10 @@ class Plant(Node):
             if now - self._sent_at > _RESEND_PERIOD:
                 self._send_state()
             self._await_bridge(now)
+        if self._wires is not None:
+            self._wires.serve()
+            if self._started and not self._wires.ready():
+                self._wires.await_answer(time.monotonic())
         self._advance()
 
     def _await_bridge(self, now: float) -> None:
@@ -208,15 +269,24 @@ class Plant(Node):
 
     def _advance(self) -> None:
         """Step if the tick is complete and the world may go on; then publish the new state."""
-        if self._running() and self._started and self._bridge.ready(self._world.time_ns):
+        if self._running() and self._started and self._is_answered():
             self._tick()
-        if self._running() and not self._started and self._imu_is_set_up():
+        if self._running() and not self._started and self._sensors_are_set_up():
             # The first state of a run: nobody has answered it yet.
             self._started = True
             self._publish_state()
 
+    def _is_answered(self) -> bool:
+        """Return whether everyone who takes part has answered the state of now."""
+        wires = self._wires
+        return self._bridge.ready(self._world.time_ns) and (wires is None or wires.ready())
+
+    def _sensors_are_set_up(self) -> bool:
+        """Return whether the drivers have told their devices to stream: no run misses a sample."""
+        imu = self._imu_is_set_up()
+        return (self._wires is None or self._wires.driver_is_set_up()) and imu
+
     def _imu_is_set_up(self) -> bool:
-        """Return whether the driver has told the IMU to stream, so that no run misses a sample."""
         if self._imu.streaming:
             self._imu_driver.answer(0)
         elif self._imu_driver.expire(time.monotonic()):
@@ -231,7 +301,7 @@ class Plant(Node):
         self._tick_clock.start()
         samples = world.step_tick()
         self._steps_left = max(0, self._steps_left - 1)
-        self._publish_state()  # first: the bridge works while the IMU's bytes are written
+        self._publish_state()  # first: the others work while the IMU's bytes are written
         for sample in samples:
             self._imu.sample(
                 sample.time_ns,
@@ -241,12 +311,18 @@ class Plant(Node):
             )
             self._imu_sent[sample.time_ns] = time.perf_counter()
         self._imu_port.service(self._imu)
+        if self._wires is not None:
+            self._wires.serve()
         self._remember_truth()
         if (world.time_ns // graph.TICK_PERIOD_NS) % _TRUTH_EVERY == 0:
             self._publish_truth()
         self._tick_clock.end()
 
     def _publish_state(self) -> None:
+        if self._wires is not None:
+            self._wires.publish()
+        if not self._world.has_legs:
+            return
         state, servos = self._state, self._world.servos
         stamps.fill(state.stamp, self._world.time_ns)
         state.encoder_count = servos.encoder_count
@@ -269,6 +345,8 @@ class Plant(Node):
         if self._running():
             if not self._bridge.ready(self._world.time_ns):
                 self._await_bridge(now)
+            if self._wires is not None:
+                self._wires.watch(now)
             self._tick()
 
     # Ground truth ---------------------------------------------------------------------------
@@ -290,6 +368,10 @@ class Plant(Node):
         rate = world.base_angular_velocity
         twist.angular.x, twist.angular.y, twist.angular.z = map(float, rate)
         self._truth_publisher.publish(truth)
+        if self._wires is not None:
+            self._wires.publish_state()
+        if not world.has_legs:
+            return
 
         contacts = FootContacts()
         stamps.fill(contacts.stamp, world.time_ns)
@@ -339,6 +421,8 @@ class Plant(Node):
         self._seed = self._seed if request.seed < 0 else int(request.seed)
         self._imu.restart(self._seed)
         self._bridge.restart()
+        if self._wires is not None:
+            self._wires.restart(self._seed)
         self._command_ns = -1
         self._started = False
         response.success, response.message = True, "the world is back at time 0"
@@ -369,7 +453,7 @@ class Plant(Node):
 
         So whatever the asker sends next comes after that tick, at any node.
         """
-        return self._steps_left == 0 and self._bridge.ready(self._world.time_ns)
+        return self._steps_left == 0 and self._is_answered()
 
     def _on_apply_wrench(self, request: ApplyWrench.Request, response: ApplyWrench.Response):  # type: ignore[no-untyped-def]
         force, torque = request.wrench.force, request.wrench.torque
@@ -387,10 +471,16 @@ class Plant(Node):
         return response
 
     def _on_inject_fault(self, request: InjectFault.Request, response: InjectFault.Response):  # type: ignore[no-untyped-def]
-        if request.target != "imu":
-            response.message = f"target is {request.target!r}, the plant has: imu"
-            return response
         try:
+            if self._wires is not None and self._wires.inject(request.target, request.fault):
+                response.success = True
+                return response
+            if request.target != "imu":
+                targets = ["imu", *(self._wires.targets() if self._wires is not None else ())]
+                response.message = (
+                    f"target is {request.target!r}, the plant has: {', '.join(targets)}"
+                )
+                return response
             if request.fault == "unplug":
                 self._imu_port.unplug()
             else:
@@ -404,10 +494,14 @@ class Plant(Node):
         return response
 
     def _report(self) -> diagnostics.Report:
-        lost = self._bridge.presence is Presence.LOST
+        peers = [self._bridge]
+        if self._wires is not None:
+            peers.append(self._wires.flight_controller)
+        lost = [peer.name for peer in peers if peer.presence is Presence.LOST]
         level, message = diagnostics.OK, "running"
         if lost:
-            level, message = diagnostics.ERROR, f"{self._bridge.name} is lost"
+            level = diagnostics.ERROR
+            message = ", ".join(f"{name} is lost" for name in lost)
         elif self._paused:
             message = "paused"
         elif self._overruns:
@@ -423,7 +517,7 @@ class Plant(Node):
                 "period_ms_p99": percentile_ms(self._tick_clock.periods(), 99),
                 "imu_to_target_ms_p50": percentile_ms(np.array(self._latencies), 50),
                 "imu_to_target_ms_p99": percentile_ms(np.array(self._latencies), 99),
-                "peer_losses": self._bridge.losses,
+                "peer_losses": sum(peer.losses for peer in peers),
                 "trajectory_sha256": self._world.trajectory_sha256,
             },
         )
@@ -431,6 +525,8 @@ class Plant(Node):
     def close(self) -> None:
         """Give the serial line back."""
         self._imu_port.close()
+        if self._wires is not None:
+            self._wires.close()
 
 
 def main() -> int:

@@ -9,10 +9,10 @@ import serial
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
+from husky_description.pty_port import PtyPort, receive
 from husky_drivers.vn200_binary import IMU_LAYOUT
 from husky_drivers.vn200_protocol import BAUDS, crc16
 from husky_drivers.vn200_stream import StreamParser
-from husky_sim.pty_port import PtyPort, receive
 
 ALL_BYTES = bytes(range(256))
 

@@ -1,0 +1,72 @@
+import pytest
+
+from husky_bringup.system import simulated_robot, to_yaml
+from husky_description import graph
+from husky_description.mujoco_model import flying_inertia
+from husky_description.robot import load_robot
+
+LEGS = {graph.DRIVE_BRIDGE, graph.VN200_DRIVER, graph.LOW_LEVEL_CONTROLLER}
+FANS = {graph.FLIGHT_CONTROLLER, graph.PIXHAWK_BRIDGE, graph.T265_DRIVER}
+
+
+def nodes(body, **options):
+    return {
+        spec.name: spec
+        for spec in simulated_robot(settings={graph.PLANT: {"body": body}}, **options)
+    }
+
+
+@pytest.mark.parametrize(
+    ("body", "expected"),
+    [("robot", LEGS), ("robot_with_unit", LEGS | FANS), ("unit", FANS)],
+)
+def test_the_body_decides_who_takes_part(body, expected):
+    assert set(nodes(body)) == {graph.PLANT} | expected
+    assert set(nodes(body, remote=True, record="x")) == {
+        graph.PLANT,
+        graph.RC_TRANSMITTER,
+        graph.RECORDER,
+    } | expected
+
+
+def test_everybody_has_the_same_clock():
+    for spec in nodes("robot_with_unit", time="realtime", remote=True).values():
+        assert spec.parameters.get("time", "realtime") == "realtime", spec.name
+
+
+def test_the_controller_uses_fans_only_where_there_are_some():
+    controller = graph.LOW_LEVEL_CONTROLLER
+    assert "propulsion" not in nodes("robot")[controller].parameters
+    assert nodes("robot_with_unit")[controller].parameters["propulsion"] is True
+
+
+def test_bad_body_and_node():
+    with pytest.raises(ValueError, match="body is 'bird'"):
+        nodes("bird")
+    with pytest.raises(ValueError, match="no node 'drive_bridge'"):
+        simulated_robot(settings={graph.PLANT: {"body": "unit"}, graph.DRIVE_BRIDGE: {}})
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(True, "true"), (1.0, "1.0"), ("a", "a"), ("", '""'), ((0.1, 2.0), "[0.1, 2.0]")],
+)
+def test_values_keep_their_types(value, text):
+    assert to_yaml(value) == text
+
+
+def test_flying_inertia_is_that_of_pinocchio():
+    """The composite inertia of the standing robot about its centre of mass, from the URDF."""
+    pinocchio = pytest.importorskip("pinocchio")
+    import numpy as np
+
+    from husky_description.urdf import build_urdf
+
+    robot = load_robot()
+    model = pinocchio.buildModelFromXML(build_urdf(robot), pinocchio.JointModelFreeFlyer())
+    data = model.createData()
+    q = pinocchio.neutral(model)
+    for name, angle in zip(robot.joint_names, robot.stand_joint_position, strict=True):
+        q[model.joints[model.getJointId(name)].idx_q] = angle
+    pinocchio.ccrba(model, data, q, np.zeros(model.nv))
+    assert np.diag(data.Ig.inertia) == pytest.approx(flying_inertia(robot, "robot"), abs=2e-4)

@@ -1,0 +1,132 @@
+"""What a T265 is to its driver, and the choice of one: the camera, or the simulated device."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import select
+import termios
+from collections.abc import Callable, Mapping, Sequence
+from typing import Protocol
+
+from husky_drivers.t265_frames import PoseFrame
+from husky_drivers.t265_wire import BAUD, START, FrameParser
+from husky_drivers.vn200_link import Port, open_serial
+
+BACKENDS = ("sim", "realsense")
+"""Names of the backends."""
+
+_READ_SIZE = 4096
+
+
+class BackendError(RuntimeError):
+    """A backend cannot work on this machine at all; says which version is missing, and why."""
+
+
+class T265Backend(Protocol):
+    """A source of pose frames. One thread uses it.
+
+    Attributes:
+        path: where the device is, for reports.
+        retry_period: time to wait before `open` is tried again [s].
+    """
+
+    path: str
+    retry_period: float
+
+    def open(self) -> None:
+        """Start the stream.
+
+        Raises:
+            OSError: the device is not there, or taken.
+        """
+
+    def poll(self, timeout: float) -> Sequence[PoseFrame]:
+        """Wait for frames at most this long [s]; return those that have come, oldest first.
+
+        Raises:
+            OSError: the device is gone.
+        """
+
+    def close(self) -> None:
+        """Stop the stream and give the device back; does nothing when it is not open."""
+
+    def counters(self) -> Mapping[str, int]:
+        """Return what is counted on the way, for reports."""
+
+
+def make_backend(name: str, port: str, serial_number: str = "") -> T265Backend:
+    """Return a backend; nothing is opened yet.
+
+    Args:
+        name: one of `BACKENDS`.
+        port: of `sim`: its serial port.
+        serial_number: of `realsense`: which camera, "" for any.
+
+    Raises:
+        BackendError: it cannot work here.
+        ValueError: there is no such backend.
+    """
+    if name == "sim":
+        return SimBackend(port)
+    if name == "realsense":
+        from husky_drivers.t265_realsense import RealsenseBackend, load_librealsense
+
+        return RealsenseBackend(load_librealsense(), serial_number)
+    raise ValueError(f"backend is {name!r}, it must be one of {', '.join(BACKENDS)}")
+
+
+class SimBackend:
+    """The simulated device, at the far end of a serial line."""
+
+    retry_period = 0.05
+
+    def __init__(self, path: str, open_port: Callable[[str, int], Port] = open_serial):
+        """Prepare; nothing is opened yet.
+
+        Args:
+            path: the serial port.
+            open_port: opens a port at a baud rate; raises OSError when it cannot.
+        """
+        self.path = path
+        self.parser = FrameParser()
+        self._open_port = open_port
+        self._port: Port | None = None
+        self._descriptor = -1
+        self._poller = select.poll()
+
+    def open(self) -> None:
+        """Open the line and ask for frames; raises OSError."""
+        try:
+            self._port = self._open_port(self.path, BAUD)
+        except (termios.error, ValueError) as error:
+            raise OSError(errno.EIO, str(error)) from error
+        self.parser.reset()
+        self._descriptor = self._port.fileno()
+        self._poller = select.poll()
+        self._poller.register(self._descriptor, select.POLLIN)
+        os.set_blocking(self._descriptor, False)
+        os.write(self._descriptor, START)
+
+    def poll(self, timeout: float) -> Sequence[PoseFrame]:
+        """Wait for bytes; return the frames that they complete; raises OSError."""
+        for _, events in self._poller.poll(round(1e3 * timeout)):
+            if events & select.POLLIN:
+                data = os.read(self._descriptor, _READ_SIZE)
+                if data:
+                    return self.parser.feed(data)
+            raise OSError(errno.EIO, "the serial line has been hung up")
+        return ()
+
+    def close(self) -> None:
+        """Close the line."""
+        if self._port is not None:
+            with contextlib.suppress(OSError, termios.error):
+                self._port.close()
+            self._port = None
+
+    def counters(self) -> Mapping[str, int]:
+        """Return what the parser has counted."""
+        counters = self.parser.counters
+        return {"crc_errors": counters.crc_errors, "garbage_bytes": counters.garbage_bytes}

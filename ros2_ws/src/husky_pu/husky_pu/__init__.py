@@ -1,0 +1,1 @@
+"""Propulsion unit: fans, battery, mixer, MAVLink autopilot, remote control."""

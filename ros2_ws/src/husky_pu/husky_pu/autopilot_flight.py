@@ -1,0 +1,325 @@
+"""Arming, modes, fail-safes and what follows from them: a thrust and moments, every tick."""
+
+from __future__ import annotations
+
+import math
+
+from husky_pu import arming
+from husky_pu.attitude_control import ControlGains, RateControl, rate_demand
+from husky_pu.attitude_estimator import Quaternion, from_euler, to_euler
+from husky_pu.autopilot_battery import BatteryLevel, BatteryMonitor
+from husky_pu.autopilot_imu import Vector
+from husky_pu.autopilot_rc import StickInput, Sticks
+from husky_pu.autopilot_setpoints import Setpoint, SetpointStream
+from husky_pu.autopilot_state import ZERO, Motion, Severity
+from husky_pu.failsafes import Cause, FlightMode, Health, Reaction, judge
+from husky_pu.flight_parameters import FlightParameters
+
+
+class FlightLogic:
+    """Decides; knows no wire and no clock.
+
+    Attributes:
+        armed: the fans may turn.
+        mode: of flight.
+        failsafe: the one that acts, None when none does.
+        terminated: fans are off until the termination is lifted.
+        thrust: share of full collective, after every limit.
+        moments: shares of what the mixer can give, FRD.
+        attitude_desired: what the attitude law follows (x, y, z, w).
+        rates_desired: what the rate law follows [rad/s].
+        texts: status texts that nobody has taken yet, as (severity, text).
+    """
+
+    def __init__(
+        self,
+        parameters: FlightParameters,
+        stream: SetpointStream,
+        input_: StickInput,
+        battery: BatteryMonitor,
+    ):
+        """Start disarmed in STABILIZED."""
+        self._p = parameters
+        self._stream = stream
+        self._input = input_
+        self._battery = battery
+        self._control = RateControl()
+        self.armed = False
+        self.mode = FlightMode.STABILIZED
+        self.failsafe: Cause | None = None
+        self.terminated = False
+        self.thrust = 0.0
+        self.moments: Vector = ZERO
+        self.attitude_desired: Quaternion = (0.0, 0.0, 0.0, 1.0)
+        self.rates_desired: Vector = ZERO
+        self.texts: list[tuple[Severity, str]] = []
+        self._motion = Motion()
+        self._now = 0.0
+        self._ramp = False
+        self._heading = 0.0
+        self._tilted_for = 0.0
+        self._idle_since = 0.0
+        self._battery_level = BatteryLevel.NORMAL
+        self._last: Sticks | None = None
+
+    # Commands -----------------------------------------------------------------------------------
+    def arm(self, *, force: bool = False) -> str:
+        """Arm; return why not, or "". `force` skips all checks but `arming.never`."""
+        if self.armed:
+            return ""
+        readiness = self.readiness()
+        never = arming.never(readiness)
+        reasons = ([never] if never else []) if force else arming.refusals(readiness, self._p)
+        if reasons:
+            for reason in reasons[:3]:
+                self._say(Severity.CRITICAL, f"Arming denied: {reason}")
+            return reasons[0]
+        self._stop()
+        self.armed = True
+        self._idle_since = self._now
+        self._say(Severity.INFO, "Armed by force" if force else "Armed")
+        return ""
+
+    def disarm(self, *, force: bool = False, reason: str = "") -> None:
+        """Stop the fans: at once by force or at low thrust, through the ramp otherwise."""
+        if not self.armed:
+            return
+        if force or self.thrust <= self._p["HKY_INT_THR"]:
+            self._stop()
+            self._say(Severity.INFO, f"Disarmed{': ' if reason else ''}{reason}")
+        elif not self._ramp:
+            self._ramp = True
+            self._say(Severity.INFO, "Disarming: thrust comes down")
+
+    def set_mode(self, mode: FlightMode) -> str:
+        """Change the mode; return why not, or "".
+
+        During the descent after lost setpoints or sticks this is how a pilot or a companion takes
+        over again.
+        """
+        if mode is FlightMode.OFFBOARD and not self._stream.alive(self._now):
+            self._say(Severity.CRITICAL, "OFFBOARD denied: no offboard signal")
+            return "no offboard signal"
+        takes_over = self.failsafe in (Cause.OFFBOARD_LOSS, Cause.RC_LOSS)
+        if self._ramp and not takes_over:
+            return "thrust is coming down"
+        if self._ramp and mode is FlightMode.STABILIZED and not self._sticks_alive():
+            return "no manual control input"
+        if takes_over:
+            self._ramp, self.failsafe = False, None
+        if mode is not self.mode:
+            self.mode = mode
+            self._control.reset_integral()
+            self._heading = to_euler(self._motion.attitude)[2]
+            self._say(Severity.INFO, f"Mode {mode.value}")
+        return ""
+
+    def terminate(self, on: bool) -> str:
+        """Stop the fans at once and for good, or lift that while disarmed; return why not."""
+        if on:
+            if not self.terminated:
+                self._act(Cause.TERMINATION, Reaction.TERMINATE)
+        elif self.armed:
+            return "armed"
+        elif self.terminated:
+            self.terminated = False
+            self._say(Severity.INFO, "Flight termination lifted")
+        return ""
+
+    @property
+    def may_rise(self) -> bool:
+        """Whether moments may raise the thrust (MC_AIRMODE), which they never do in a descent."""
+        return bool(self._p["MC_AIRMODE"]) and not self._ramp
+
+    # Every tick ---------------------------------------------------------------------------------
+    def tick(self, now: float, dt: float, motion: Motion, gains: ControlGains) -> None:
+        """Decide what the fans do next.
+
+        Args:
+            now: time since boot [s].
+            dt: since the last tick [s].
+            motion: of the unit.
+            gains: of its control.
+        """
+        self._now, self._motion = now, motion
+        self._watch_switches()
+        self._watch_battery()
+        if not self.armed:
+            self.thrust, self.moments, self.rates_desired = 0.0, ZERO, ZERO
+            self.attitude_desired = motion.attitude
+            return
+        if self.failsafe is None:
+            found = judge(self._health(dt), self._p)
+            if found is not None:
+                self._act(*found)
+                if not self.armed:
+                    return
+        setpoint = self._setpoint(dt)
+        self._slew(setpoint.thrust or 0.0, dt)
+        self._follow(setpoint, gains, dt)
+        self._end()
+
+    def _setpoint(self, dt: float) -> Setpoint:
+        """Return what is to be followed: the companion's, the sticks' or a descent's."""
+        newest = self._stream.newest
+        if self.mode is FlightMode.OFFBOARD and newest is not None:
+            if not self._ramp:
+                thrust = self._stream.thrust
+                return Setpoint(
+                    0, thrust, newest.attitude, newest.rates, newest.moments, newest.yaw_rate
+                )
+            if newest.moments is not None:  # what stands on legs is not to be levelled
+                return Setpoint(0, 0.0, moments=ZERO)
+        alive = self._sticks_alive() and not self._ramp
+        sticks = self._input.sticks if alive else Sticks()
+        p = self._p
+        yaw_rate = math.radians(p["MPC_MAN_Y_MAX"]) * sticks.yaw
+        if self.thrust <= p["HKY_INT_THR"]:
+            self._heading = to_euler(self._motion.attitude)[2]
+        else:
+            self._heading += yaw_rate * dt
+        tilt = math.radians(p["MPC_MAN_TILT_MAX"])
+        low = p["MPC_MANTHR_MIN"] if alive and sticks.throttle > 0.0 else 0.0
+        return Setpoint(
+            0,
+            low + sticks.throttle * (p["MPC_THR_MAX"] - low),
+            attitude=from_euler(tilt * sticks.roll, -tilt * sticks.pitch, self._heading),
+            yaw_rate=yaw_rate,
+        )
+
+    def _slew(self, wanted: float, dt: float) -> None:
+        """Move the thrust: slowly up, faster down, never up in a descent."""
+        p = self._p
+        if self._ramp:
+            self.thrust = max(0.0, self.thrust - dt / p["HKY_FS_RAMP"])
+            return
+        rise, fall = p["HKY_THR_UP"] * dt, p["HKY_THR_DOWN"] * dt
+        wanted = min(wanted, p["MPC_THR_MAX"])
+        self.thrust = max(self.thrust - fall, min(self.thrust + rise, wanted))
+
+    def _follow(self, setpoint: Setpoint, gains: ControlGains, dt: float) -> None:
+        """Turn attitude or rates into moments; or take moments as they are."""
+        motion = self._motion
+        if not motion.aligned or motion.sensors_lost:
+            self.moments = self.rates_desired = ZERO
+            self._control.reset()
+            return
+        if setpoint.moments is not None:
+            self.attitude_desired, self.rates_desired = motion.attitude, ZERO
+            self.moments = setpoint.moments
+            self._control.reset()
+            return
+        if setpoint.attitude is not None:
+            self.attitude_desired = setpoint.attitude
+            p, q, r = rate_demand(motion.attitude, setpoint.attitude, gains)
+            self.rates_desired = (p, q, r + setpoint.yaw_rate)
+        else:
+            self.attitude_desired = motion.attitude
+            self.rates_desired = setpoint.rates or ZERO
+        flying = self.thrust > self._p["HKY_INT_THR"]
+        if not flying:
+            self._control.reset_integral()
+        self.moments = self._control.update(
+            motion.rates, self.rates_desired, gains, dt, integrate=flying
+        )
+
+    def _end(self) -> None:
+        """Disarm at the end of a descent, or after a while without thrust if that is wanted."""
+        if self.thrust > 0.0:
+            self._idle_since = self._now
+        elif self._ramp:
+            self.disarm(force=True, reason=self.failsafe.value if self.failsafe else "")
+        elif 0.0 < self._p["COM_DISARM_PRFLT"] < self._now - self._idle_since:
+            self.disarm(force=True, reason="no thrust")
+
+    # What is watched ----------------------------------------------------------------------------
+    def _watch_switches(self) -> None:
+        """Act on switches that moved; as they first stand they say nothing, but for kill."""
+        sticks = self._input.sticks
+        if sticks is self._last:
+            return
+        last, self._last = self._last, sticks
+        if not self._input.seen:
+            return
+        if sticks.kill and self.armed:
+            self._act(Cause.KILL, Reaction.DISARM)
+        if last is None:
+            return
+        if sticks.arm is not last.arm and last.arm is not None:
+            if sticks.arm:
+                self.arm()
+            else:
+                self.disarm()
+        if sticks.offboard is not last.offboard and last.offboard is not None:
+            self.set_mode(FlightMode.OFFBOARD if sticks.offboard else FlightMode.STABILIZED)
+
+    def _watch_battery(self) -> None:
+        level = self._battery.level
+        if level > self._battery_level:
+            word = level.name.lower()
+            self._say(Severity.WARNING if level == 1 else Severity.CRITICAL, f"Battery {word}")
+        if level > self._battery_level or not self.armed:
+            self._battery_level = level
+
+    def _act(self, cause: Cause, reaction: Reaction) -> None:
+        self.failsafe = cause
+        self._say(Severity.EMERGENCY, f"Failsafe: {cause.value}, {reaction.value}")
+        if reaction is Reaction.DESCEND:
+            self._ramp = True
+            self._heading = to_euler(self._motion.attitude)[2]
+            return
+        self.terminated = self.terminated or reaction is Reaction.TERMINATE
+        self.disarm(force=True, reason=cause.value)
+        self._stop()
+
+    def _stop(self) -> None:
+        self.armed = self._ramp = False
+        self.failsafe = None
+        self.thrust, self.moments, self.rates_desired = 0.0, ZERO, ZERO
+        self._tilted_for = 0.0
+        self._control.reset()
+
+    def _sticks_alive(self) -> bool:
+        return self._input.seen and not self._input.silent(self._now)
+
+    def _health(self, dt: float) -> Health:
+        p = self._p
+        roll_limit, pitch_limit = p["FD_FAIL_R"], p["FD_FAIL_P"]
+        if roll_limit or pitch_limit:
+            roll, pitch, _ = map(math.degrees, to_euler(self._motion.attitude))
+            beyond = 0 < roll_limit < abs(roll) or 0 < pitch_limit < abs(pitch)
+            self._tilted_for = self._tilted_for + dt if beyond else 0.0
+        return Health(
+            self.mode,
+            self._motion.sensors_lost,
+            self._tilted_for,
+            self._battery_level,
+            self._stream.age(self._now),
+            self._input.seen,
+            self._input.seen and self._input.silent(self._now),
+        )
+
+    def readiness(self) -> arming.Readiness:
+        """Return what the pre-arm checks look at."""
+        motion = self._motion
+        alive = self._sticks_alive()
+        return arming.Readiness(
+            mode=self.mode,
+            sensors_ok=motion.sensors_ok,
+            compass_ok=motion.compass_ok,
+            aligned=motion.aligned,
+            still_for=motion.still_for,
+            tilt=motion.tilt,
+            battery_connected=self._battery.connected,
+            battery=self._battery.level,
+            kill=alive and self._input.sticks.kill,
+            terminated=self.terminated,
+            sticks_alive=alive,
+            throttle=self._input.sticks.throttle,
+            stream_alive=self._stream.alive(self._now),
+            setpoint_thrust=self._stream.thrust,
+        )
+
+    def _say(self, severity: Severity, text: str) -> None:
+        if len(self.texts) < 32:
+            self.texts.append((severity, text))

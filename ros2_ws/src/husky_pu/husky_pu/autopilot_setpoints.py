@@ -1,0 +1,156 @@
+"""Setpoints from a companion: what is accepted, from whom, and whether the stream is alive."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass
+from enum import IntFlag
+
+from husky_pu.attitude_estimator import Quaternion
+from husky_pu.autopilot_imu import Vector
+
+STREAM_PERIOD = 0.5
+"""A stream is at least this fast [s]: 2 Hz, as PX4 demands of OFFBOARD."""
+_NORM_TOLERANCE = 1e-2
+"""Of a quaternion's length; ArduPilot's is 1e-3, PX4 has none. Four floats cost 1e-7."""
+_RATE_LIMIT = 35.0
+"""Greatest rate that means something [rad/s]: the gyro's range, 2000 deg/s."""
+
+
+class TypeMask(IntFlag):
+    """Bits of SET_ATTITUDE_TARGET.type_mask."""
+
+    IGNORE_ROLL_RATE = 1
+    IGNORE_PITCH_RATE = 2
+    IGNORE_YAW_RATE = 4
+    THRUST_BODY_SET = 32
+    IGNORE_THROTTLE = 64
+    IGNORE_ATTITUDE = 128
+
+
+@dataclass(frozen=True)
+class Setpoint:
+    """What a companion wants; one of attitude, rates or moments.
+
+    Attributes:
+        stamp_ns: time of the message as its sender wrote it [ns].
+        thrust: share of the full collective thrust, 0 to 1; None keeps the one before.
+        attitude: quaternion (x, y, z, w), body FRD to NED; `yaw_rate` is fed forward.
+        rates: angular velocity in the body [rad/s].
+        moments: shares of what the mixer can give, -1 to 1, FRD; goes past the control loops.
+        yaw_rate: beside an attitude [rad/s].
+    """
+
+    stamp_ns: int
+    thrust: float | None
+    attitude: Quaternion | None = None
+    rates: Vector | None = None
+    moments: Vector | None = None
+    yaw_rate: float = 0.0
+
+
+def attitude_setpoint(
+    stamp_ns: int, type_mask: int, wxyz: Sequence[float], rates: Sequence[float], thrust: float
+) -> Setpoint:
+    """Return the setpoint of a SET_ATTITUDE_TARGET.
+
+    With an attitude the yaw rate is fed forward and the others are not used, as in PX4; without
+    one the rates are followed, and one that is ignored is 0.
+
+    Raises:
+        ValueError: it asks for nothing, or a number that is used is not finite or out of range.
+    """
+    mask = TypeMask(type_mask & 0xFF)
+    if mask & TypeMask.THRUST_BODY_SET:
+        raise ValueError("thrust_body is not supported")
+    share = None if mask & TypeMask.IGNORE_THROTTLE else _within(thrust, 0.0, 1.0, "thrust")
+    used = [
+        0.0 if mask & bit else _within(rate, -_RATE_LIMIT, _RATE_LIMIT, "rate")
+        for bit, rate in zip(list(TypeMask)[:3], rates, strict=True)
+    ]
+    if not mask & TypeMask.IGNORE_ATTITUDE:
+        w, x, y, z = wxyz
+        norm = math.sqrt(w * w + x * x + y * y + z * z)
+        if not abs(norm - 1.0) <= _NORM_TOLERANCE:
+            raise ValueError(f"quaternion of length {norm:.3g}")
+        attitude = (x / norm, y / norm, z / norm, w / norm)
+        return Setpoint(stamp_ns, share, attitude=attitude, yaw_rate=used[2])
+    if mask & 7 == 7:
+        raise ValueError("neither attitude nor rates")
+    return Setpoint(stamp_ns, share, rates=(used[0], used[1], used[2]))
+
+
+def actuator_setpoint(stamp_ns: int, group: int, controls: Sequence[float]) -> Setpoint:
+    """Return the setpoint of a SET_ACTUATOR_CONTROL_TARGET of group 0.
+
+    Controls 0 to 2 are the moments about roll, pitch, yaw, 3 is the thrust; the rest is not used.
+
+    Raises:
+        ValueError: another group, a number that is not finite or out of range.
+    """
+    if group != 0:
+        raise ValueError(f"group {group}")
+    roll, pitch, yaw = (_within(control, -1.0, 1.0, "moment") for control in controls[:3])
+    return Setpoint(stamp_ns, _within(controls[3], 0.0, 1.0, "thrust"), moments=(roll, pitch, yaw))
+
+
+def _within(value: float, lower: float, upper: float, name: str) -> float:
+    if not lower <= value <= upper:
+        raise ValueError(f"{name} {value:g}")
+    return value
+
+
+class SetpointStream:
+    """The stream of accepted setpoints; one source owns it as long as it speaks.
+
+    Attributes:
+        newest: last setpoint, None before the first.
+        stamp_ns: its sender's time [ns], -1 before the first.
+        accepted: how many were.
+        refused: whole messages that were bad.
+        contested: setpoints refused because another source owns the stream.
+        thrust: the last thrust that was asked for.
+    """
+
+    def __init__(self) -> None:
+        """Start without a source."""
+        self.newest: Setpoint | None = None
+        self.stamp_ns = -1
+        self.accepted = self.refused = self.contested = 0
+        self.thrust = 0.0
+        self._source: Hashable = None
+        self._times = [-math.inf, -math.inf]
+
+    def accept(self, setpoint: Setpoint, source: Hashable, now: float) -> bool:
+        """Take a setpoint; return False when another source speaks.
+
+        Args:
+            setpoint: a good one.
+            source: who sent it.
+            now: time of arrival [s].
+        """
+        if source != self._source and self.age(now) <= STREAM_PERIOD:
+            self.contested += 1
+            return False
+        self._source = source
+        self.newest = setpoint
+        self.stamp_ns = setpoint.stamp_ns
+        if setpoint.thrust is not None:
+            self.thrust = setpoint.thrust
+        self._times = [self._times[1], now]
+        self.accepted += 1
+        return True
+
+    def age(self, now: float) -> float:
+        """Return the time since the last one [s], inf before the first."""
+        return now - self._times[1]
+
+    def alive(self, now: float) -> bool:
+        """Whether setpoints come at 2 Hz or faster: the last two and none overdue."""
+        return self.age(now) <= STREAM_PERIOD and self._times[1] - self._times[0] <= STREAM_PERIOD
+
+    def forget(self) -> None:
+        """Drop what came so far; counters stay."""
+        self.newest, self.stamp_ns, self.thrust = None, -1, 0.0
+        self._source, self._times = None, [-math.inf, -math.inf]

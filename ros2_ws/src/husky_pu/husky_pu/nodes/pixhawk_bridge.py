@@ -1,0 +1,267 @@
+"""Lifecycle node `pixhawk_bridge`: thrust commands to a Pixhawk over MAVLink, its state back."""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.subscription import Subscription
+from rclpy.timer import Timer
+from sensor_msgs.msg import BatteryState
+from std_srvs.srv import SetBool, Trigger
+
+from husky_description import graph
+from husky_description.nodes import diagnostics, qos
+from husky_description.nodes.parameters import declare
+from husky_description.nodes.run import run
+from husky_msgs.msg import PropulsionCommand, PropulsionState
+from husky_msgs.srv import SetFlightMode
+from husky_pu import mavlink_commands as commands
+from husky_pu.companion_link import CompanionLink, opener
+from husky_pu.mavlink_client import MavlinkClient
+from husky_pu.mavlink_telemetry import MODES, PX4, Report
+from husky_pu.nodes.pixhawk_messages import battery_message, state_message, thrust_command
+from husky_pu.nodes.pixhawk_parameters import declare_config, declare_limits
+from husky_pu.nodes.pixhawk_report import PixhawkReport
+from husky_pu.propulsion_bridge import BootClock, Setpoints
+
+_HEARTBEAT_LOOK = 0.1
+"""Between two looks whether a heartbeat is due [s]."""
+_BATTERY_EVERY = 5
+"""Bundles of telemetry between two messages of the battery: 10 Hz."""
+_SILENCE = 0.5
+"""Age of a command from which on there is none [s]."""
+_MODES = {name: number for number, name in MODES.items() if name in ("STABILIZED", "OFFBOARD")}
+
+
+class PixhawkBridge(LifecycleNode):
+    """Sends one setpoint for each good command, and publishes each bundle of telemetry.
+
+    The line belongs to the active state. The link's thread reads it and publishes; commands and
+    services run in the executor's thread, which is also the one that sends heartbeats.
+    """
+
+    def __init__(self) -> None:
+        """Declare parameters, make publishers, subscriptions and services; open the line."""
+        super().__init__(graph.PIXHAWK_BRIDGE)
+        mode = declare(
+            self,
+            "time",
+            "lockstep",
+            "lockstep, realtime: stamps are the autopilot's time; hardware: they are this "
+            "machine's. In lockstep the autopilot may stand still without being lost",
+            allowed=("lockstep", "realtime", "hardware"),
+        )
+        device = graph.serial_port("pixhawk", self.context.get_domain_id())
+        self._connection = declare(
+            self,
+            "connection",
+            f"serial:{device}:921600",
+            "serial:<path>:<baud>, udpin:<address>:<port> or udpout:<address>:<port>",
+        )
+        self._open = opener(self._connection)
+        self._config = declare_config(self, lockstep=mode == "lockstep")
+        self._limits = declare_limits(self)
+        autostart = declare(self, "autostart", True, "configure and activate at start")
+        self._boot_clock = BootClock() if mode == "hardware" else None
+        self._setpoints = Setpoints(self._limits)
+        self._client = MavlinkClient(self._config)
+        self._link: CompanionLink | None = None
+        self._killed = False
+        self._command_at = -math.inf
+        self._bundles = 0
+        self._heard = False
+        self._report = PixhawkReport(self._connection)
+
+        self._state_publisher = self.create_lifecycle_publisher(
+            PropulsionState, graph.PROPULSION_STATE, qos.STATUS
+        )
+        self._battery_publisher = self.create_lifecycle_publisher(
+            BatteryState, graph.BATTERY, qos.STATUS
+        )
+        self._commands = self.create_subscription(
+            PropulsionCommand, graph.PROPULSION_COMMAND, self._on_command, qos.CONTROL
+        )
+        self.hot: list[Subscription] = [self._commands]
+        self.hot_timers: list[Timer] = [self.create_timer(_HEARTBEAT_LOOK, self._on_timer)]
+        self.create_service(SetBool, graph.PROPULSION_ARM, self._on_arm)
+        self.create_service(SetFlightMode, graph.PROPULSION_SET_MODE, self._on_set_mode)
+        self.create_service(Trigger, graph.PROPULSION_KILL, self._on_kill)
+        self._diagnostics = diagnostics.Diagnostics(self, "Pixhawk", self._diagnose)
+        if autostart:
+            self.trigger_configure()
+            self.trigger_activate()
+
+    # Lifecycle ----------------------------------------------------------------------------------
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Open the line."""
+        result = super().on_activate(state)
+        self._client = MavlinkClient(self._config)
+        self._setpoints = Setpoints(self._limits)
+        self._report = PixhawkReport(self._connection)
+        self._link = CompanionLink(self._client, self._open, self._publish, self._on_link_state)
+        self._link.start()
+        return result
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Ask for no thrust and give the line back."""
+        self.close()
+        return super().on_deactivate(state)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """The same, from whatever state."""
+        self.close()
+        return super().on_shutdown(state)
+
+    def quiet(self) -> None:
+        """Nothing to do: telemetry comes from the line."""
+
+    def close(self) -> None:
+        """Ask for no thrust, stop the thread and close the line."""
+        link, self._link = self._link, None
+        if link is None:
+            return
+        with link.talk() as client:
+            self._setpoints.enable(False)
+            newest = self._setpoints.newest
+            if client.connected and newest is not None:
+                stamp = self._setpoints.stamp_ns
+                newest.without_thrust().send(client, self._boot_us(stamp))
+        link.stop()
+
+    # Commands -----------------------------------------------------------------------------------
+    def _on_command(self, message: PropulsionCommand) -> None:
+        link = self._link
+        if link is None:
+            return
+        now = time.monotonic()
+        self._command_at = now
+        command = thrust_command(message)
+        setpoints = self._setpoints
+        with link.talk() as client:
+            client.heartbeat(now)
+            client.advance(command.stamp_ns)
+            armed = client.connected and client.telemetry.report.armed
+            setpoints.enable(armed and not self._killed)
+            refused = setpoints.refused
+            setpoint = setpoints.take(command)
+            if setpoint is not None and client.connected:
+                setpoint.send(client, self._boot_us(command.stamp_ns))
+        if setpoints.refused != refused:
+            self.get_logger().warning(
+                f"thrust command refused: {setpoints.refusal}", throttle_duration_sec=1.0
+            )
+
+    def _on_timer(self) -> None:
+        if self._link is not None:
+            with self._link.talk() as client:
+                client.heartbeat(time.monotonic())
+
+    def _boot_us(self, stamp_ns: int) -> int:
+        """Return a stamp in the autopilot's time [us]."""
+        if self._boot_clock is None:
+            return stamp_ns // 1000
+        return self._boot_clock.boot_us(stamp_ns) if self._boot_clock.known else 0
+
+    # In the link's thread -----------------------------------------------------------------------
+    def _publish(self, report: Report) -> None:
+        if self._boot_clock is not None:
+            self._boot_clock.observe(report.boot_us, time.time_ns())
+        self._bundles += 1
+        stamp_ns = self._stamp_ns(report)
+        self._state_publisher.publish(state_message(report, stamp_ns, True))
+        if self._bundles % _BATTERY_EVERY == 0:
+            self._battery_publisher.publish(battery_message(report, stamp_ns))
+
+    def _on_link_state(self, text: str, heard: bool) -> None:
+        self.get_logger().info(text)
+        if self._heard and not heard:
+            report = self._client.telemetry.report
+            self._state_publisher.publish(state_message(report, self._stamp_ns(report), False))
+        self._heard = heard
+
+    def _stamp_ns(self, report: Report) -> int:
+        boot_us = report.boot_us
+        return self._boot_clock.host_ns(boot_us) if self._boot_clock is not None else 1000 * boot_us
+
+    # Services -----------------------------------------------------------------------------------
+    def _ask(self, number: int, *parameters: float) -> tuple[bool, str]:
+        """Send a command and serve commands and heartbeats until its answer, 1 s at most."""
+        link = self._link
+        if link is None:
+            return False, "the node is not active"
+        with link.talk() as client:
+            if not client.connected:
+                return False, f"no autopilot on {self._connection}"
+            command = client.command(number, *parameters)
+            client.poll(time.monotonic())
+        assert self.executor is not None
+        self.executor.spin_hot_until(lambda: command.done(time.monotonic()))
+        return command.accepted, "" if command.accepted else command.text
+
+    def _on_arm(self, request: SetBool.Request, response: SetBool.Response):  # type: ignore[no-untyped-def]
+        conflict = self._client.conflict(time.monotonic())
+        if request.data and conflict:
+            response.message = conflict
+            return response
+        accepted, response.message = self._ask(commands.ARM_DISARM, float(request.data))
+        response.success = accepted
+        if accepted:
+            self._settle(armed=request.data)
+            self._killed = self._killed and not request.data
+        return response
+
+    def _on_set_mode(self, request: SetFlightMode.Request, response: SetFlightMode.Response):  # type: ignore[no-untyped-def]
+        number = _MODES.get(request.mode)
+        autopilot = self._client.telemetry.autopilot
+        if number is None:
+            response.message = f"mode {request.mode!r}, it must be one of {', '.join(_MODES)}"
+        elif self._client.connected and autopilot != PX4:
+            response.message = f"the autopilot (MAV_AUTOPILOT {autopilot}) has not PX4's modes"
+        else:
+            # 1: a mode of the autopilot's own, and which.
+            response.success, response.message = self._ask(commands.DO_SET_MODE, 1.0, number)
+            if response.success:
+                self._settle(mode=request.mode)
+        return response
+
+    def _on_kill(self, request: Trigger.Request, response: Trigger.Response):  # type: ignore[no-untyped-def]
+        self._killed = True
+        self._setpoints.enable(False)
+        response.success, response.message = self._ask(commands.ARM_DISARM, 0.0, commands.FORCE)
+        if response.success:
+            self._settle(armed=False)
+            response.message = "the fans stop; arm to go on"
+        return response
+
+    def _settle(self, *, armed: bool | None = None, mode: str | None = None) -> None:
+        if self._link is not None:
+            with self._link.talk() as client:
+                client.telemetry.settle(armed=armed, mode=mode)
+
+    def _diagnose(self) -> diagnostics.Report:
+        """Return level, message and values for `/diagnostics`."""
+        if self._link is None:
+            return diagnostics.WARN, "not active", {"connection": self._connection}
+        silent = time.monotonic() - self._command_at > _SILENCE
+        return self._report.make(
+            self._link,
+            self._client,
+            self._setpoints,
+            {
+                "killed": self._killed,
+                "commands": "none" if silent else "streaming",
+                "command_sources": self._commands.get_publisher_count(),
+            },
+        )
+
+
+def main() -> int:
+    """Run the node; return the process's exit code."""
+    return run(PixhawkBridge)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,274 @@
+"""From thrust commands to setpoints: what is refused, how fast thrust may rise, what is said."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from enum import IntEnum
+from typing import Protocol
+
+from husky_pu.mavlink_axes import Quaternion, Vector, flip_body, mavlink_attitude
+
+SILENCE_NS = 500_000_000
+"""After so long without a command thrust begins at zero again [ns]."""
+_NOMINAL_NS = 10_000_000
+"""Between two commands [ns]; what the first one's thrust may rise by."""
+_LONGEST_NS = 100_000_000
+"""A gap between commands lets thrust rise by no more than this [ns]."""
+_IGNORE_RATES = 7
+_IGNORE_ATTITUDE = 128
+_UNIT_TOLERANCE = 1e-3
+"""Of a quaternion's length, as ArduPilot demands."""
+_SIDE_FORCE = 0.01
+"""Force across the fans' axis that still counts as none [N]."""
+_ROUNDING = 1e-6
+"""Relative; a command may exceed a limit by this, and is then held to it."""
+
+
+class Kind(IntEnum):
+    """Kinds of husky_msgs/PropulsionCommand."""
+
+    NONE = 0
+    ATTITUDE = 1
+    WRENCH = 2
+
+
+@dataclass(frozen=True)
+class ThrustCommand:
+    """husky_msgs/PropulsionCommand: stamp [ns], rotation FLU to ENU (x, y, z, w), [N], [N m]."""
+
+    stamp_ns: int
+    kind: int
+    attitude: Sequence[float] = (0.0, 0.0, 0.0, 1.0)
+    force: Sequence[float] = (0.0, 0.0, 0.0)
+    moment: Sequence[float] = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What the unit can do.
+
+    Attributes:
+        collective: thrust of all fans [N] that 1 stands for on the wire.
+        moment: (3,) about base x, y, z [N m] that 1 stands for on the wire.
+        thrust_rate: how fast the collective may rise [N/s].
+    """
+
+    collective: float
+    moment: Sequence[float]
+    thrust_rate: float
+
+
+class Sender(Protocol):
+    """What setpoints go to; `husky_pu.mavlink_client.MavlinkClient` is one."""
+
+    def attitude_target(
+        self,
+        boot_ms: int,
+        type_mask: int,
+        wxyz: Sequence[float],
+        rates: Sequence[float],
+        thrust: float,
+    ) -> None:
+        """Send SET_ATTITUDE_TARGET."""
+
+    def actuator_target(self, boot_us: int, controls: Sequence[float]) -> None:
+        """Send SET_ACTUATOR_CONTROL_TARGET."""
+
+
+@dataclass(frozen=True)
+class Setpoint:
+    """What goes on the wire.
+
+    Attributes:
+        kind: as commanded.
+        as_wrench: it goes as SET_ACTUATOR_CONTROL_TARGET.
+        thrust: share of the collective, 0 to 1.
+        attitude: FRD to NED (w, x, y, z).
+        moment: shares of the moments, -1 to 1, FRD.
+    """
+
+    kind: Kind
+    as_wrench: bool
+    thrust: float = 0.0
+    attitude: Quaternion = (1.0, 0.0, 0.0, 0.0)
+    moment: Vector = (0.0, 0.0, 0.0)
+
+    def without_thrust(self) -> Setpoint:
+        """Return the one that asks for nothing, by the same message."""
+        return Setpoint(Kind.NONE, self.as_wrench)
+
+    def send(self, sender: Sender, boot_us: int) -> None:
+        """Send it with a time of the autopilot's clock [us]."""
+        if self.as_wrench:
+            sender.actuator_target(boot_us, (*self.moment, self.thrust))
+        elif self.kind is Kind.ATTITUDE:
+            zero = (0.0, 0.0, 0.0)
+            sender.attitude_target(boot_us // 1000, _IGNORE_RATES, self.attitude, zero, self.thrust)
+        else:
+            level, zero = (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+            sender.attitude_target(boot_us // 1000, _IGNORE_ATTITUDE, level, zero, 0.0)
+
+
+@dataclass
+class Setpoints:
+    """Turns commands into setpoints, one for each that is good.
+
+    Thrust falls at once and rises by at most `limits.thrust_rate`; it rises from zero after a
+    silence, while disarmed, and after a restart of time. While it is held back, moments shrink
+    in proportion.
+
+    Attributes:
+        limits: see `Limits`.
+        enabled: whether thrust may be asked for: while armed, and not after a kill.
+        accepted: commands that were good.
+        refused: commands that were not.
+        refusal: why the last of them was refused.
+        newest: last setpoint, None before the first.
+        stamp_ns: of its command [ns], -1 before the first.
+    """
+
+    limits: Limits
+    enabled: bool = False
+    accepted: int = 0
+    refused: int = 0
+    refusal: str = ""
+    newest: Setpoint | None = None
+    stamp_ns: int = -1
+    _thrust: float = field(default=0.0, repr=False)
+
+    def take(self, command: ThrustCommand) -> Setpoint | None:
+        """Take a command whole, or refuse it whole; return its setpoint, None for a refused one.
+
+        A command with the stamp of the one before gets the same setpoint again.
+        """
+        if command.stamp_ns == self.stamp_ns and self.newest is not None:
+            return self.newest
+        try:
+            kind = self._check(command)
+        except ValueError as error:
+            self.refused += 1
+            self.refusal = str(error)
+            return None
+        self.newest = self._setpoint(kind, command)
+        self.stamp_ns = command.stamp_ns
+        self.accepted += 1
+        return self.newest
+
+    def silent(self, stamp_ns: int) -> bool:
+        """Return whether no command has come for 0.5 s, at this stamp [ns]."""
+        return self.newest is None or not 0 <= stamp_ns - self.stamp_ns <= SILENCE_NS
+
+    def enable(self, enabled: bool) -> None:
+        """Allow thrust, or ask for none from now on; it begins at zero when allowed again."""
+        self.enabled = enabled
+        if not enabled:
+            self._thrust = 0.0
+
+    def _check(self, command: ThrustCommand) -> Kind:
+        """Return the kind.
+
+        Raises:
+            ValueError: not finite or out of range.
+        """
+        try:
+            kind = Kind(command.kind)
+        except ValueError:
+            raise ValueError(f"kind {command.kind} is not known") from None
+        if kind is Kind.NONE:
+            return kind
+        numbers = (*command.force, *command.moment, *command.attitude)
+        if not all(map(math.isfinite, numbers)):
+            raise ValueError("not finite")
+        thrust, most = command.force[2], self.limits.collective
+        if not -_SIDE_FORCE <= thrust <= most * (1.0 + _ROUNDING):
+            raise ValueError(f"collective thrust {thrust:g} N, it must be 0 to {most:g} N")
+        if kind is Kind.ATTITUDE:
+            norm = math.hypot(*command.attitude)
+            if not abs(norm - 1.0) <= _UNIT_TOLERANCE:
+                raise ValueError(f"attitude of length {norm:g}, it must be 1")
+            return kind
+        if max(map(abs, command.force[:2])) > _SIDE_FORCE:
+            x, y = command.force[:2]
+            raise ValueError(f"force ({x:g}, {y:g}) N across the fans, they push along z alone")
+        for axis, value, limit in zip("xyz", command.moment, self.limits.moment, strict=True):
+            if abs(value) > limit * (1.0 + _ROUNDING):
+                raise ValueError(f"moment {axis} {value:g} N m, it must be within {limit:g} N m")
+        return kind
+
+    def _setpoint(self, kind: Kind, command: ThrustCommand) -> Setpoint:
+        was_wrench = self.newest is not None and self.newest.as_wrench
+        since = command.stamp_ns - self.stamp_ns
+        if self.silent(command.stamp_ns):
+            self._thrust, since = 0.0, _NOMINAL_NS
+        if kind is Kind.NONE or not self.enabled:
+            self._thrust = 0.0
+            as_wrench = was_wrench if kind is Kind.NONE else kind is Kind.WRENCH
+            # An attitude is told before it is flown: the yaw of a standing robot is not zero.
+            attitude = self._attitude(command) if kind is Kind.ATTITUDE else (1.0, 0.0, 0.0, 0.0)
+            return Setpoint(kind, as_wrench, attitude=attitude)
+        wanted = min(max(command.force[2], 0.0), self.limits.collective)
+        rise = self.limits.thrust_rate * 1e-9 * min(since, _LONGEST_NS)
+        self._thrust = min(wanted, self._thrust + rise)
+        thrust = self._thrust / self.limits.collective
+        if kind is Kind.ATTITUDE:
+            return Setpoint(kind, False, thrust, self._attitude(command))
+        share = self._thrust / wanted if wanted > 0.0 else 1.0
+        x, y, z = (
+            share * min(max(value / limit, -1.0), 1.0)
+            for value, limit in zip(command.moment, self.limits.moment, strict=True)
+        )
+        return Setpoint(kind, True, thrust, moment=flip_body((x, y, z)))
+
+    @staticmethod
+    def _attitude(command: ThrustCommand) -> Quaternion:
+        norm = math.hypot(*command.attitude)
+        w, x, y, z = mavlink_attitude(command.attitude)
+        return w / norm, x / norm, y / norm, z / norm
+
+
+class BootClock:
+    """Maps this machine's time to that of an autopilot which counts from its start.
+
+    A report arrives later than it was made, never earlier: the smallest difference of the last
+    10 to 20 s is the nearest to the truth.
+    """
+
+    _BLOCK_NS = 10_000_000_000
+
+    def __init__(self) -> None:
+        """Nothing is known."""
+        self._block_start: int | None = None
+        self._smallest = self._smallest_before = 0
+
+    def observe(self, boot_us: int, host_ns: int) -> None:
+        """A report of a time of the autopilot [us] has arrived at a time of the host [ns]."""
+        offset = host_ns - 1000 * boot_us
+        start = self._block_start
+        # A start of the autopilot moves the offset by far; so does a clock that is set.
+        if start is None or abs(offset - self._smallest) > 1_000_000_000:
+            self._block_start = host_ns
+            self._smallest = self._smallest_before = offset
+        elif host_ns - start > self._BLOCK_NS:
+            self._block_start = host_ns
+            self._smallest, self._smallest_before = offset, self._smallest
+        else:
+            self._smallest = min(self._smallest, offset)
+
+    @property
+    def known(self) -> bool:
+        """Whether there has been a report."""
+        return self._block_start is not None
+
+    def boot_us(self, host_ns: int) -> int:
+        """Return the autopilot's time [us] at a time of the host [ns], not below 0."""
+        return max(0, (host_ns - self._offset) // 1000)
+
+    def host_ns(self, boot_us: int) -> int:
+        """Return the host's time [ns] at a time of the autopilot [us]."""
+        return 1000 * boot_us + self._offset
+
+    @property
+    def _offset(self) -> int:
+        return min(self._smallest, self._smallest_before)

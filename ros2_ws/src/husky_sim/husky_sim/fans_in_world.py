@@ -1,0 +1,102 @@
+"""The propulsion unit in the MuJoCo world: its wrench on the body, and what its autopilot feels."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from husky_description.robot import Robot
+from husky_pu.propulsion_unit import PropulsionUnit
+
+Array = NDArray[np.float64]
+
+MAGNETIC_FIELD = (0.0, 0.195, -0.480)
+"""Of the earth in world axes, east, north, up [gauss]: Boston, declination left out."""
+SEA_LEVEL = 101325.0
+"""Pressure of the standard atmosphere at height 0 [Pa]."""
+_PRESSURE_SLOPE = -12.01
+"""Its change with height near the ground [Pa/m]."""
+_FRD = np.array((1.0, -1.0, -1.0))
+SENSORS = (
+    ("autopilot_orientation", mujoco.mjtSensor.mjSENS_FRAMEQUAT),
+    ("autopilot_gyro", mujoco.mjtSensor.mjSENS_GYRO),
+    ("autopilot_accelerometer", mujoco.mjtSensor.mjSENS_ACCELEROMETER),
+)
+"""MuJoCo sensors at the site `autopilot`."""
+
+
+class FlightSample(NamedTuple):
+    """What ideal sensors of the flight controller measure; axes forward, right, down.
+
+    Attributes:
+        angular_velocity: [rad/s] (3,).
+        specific_force: [m/s^2] (3,).
+        magnetic_field: [gauss] (3,).
+        pressure: [Pa].
+    """
+
+    angular_velocity: Array
+    specific_force: Array
+    magnetic_field: Array
+    pressure: float
+
+
+def add_autopilot(spec: mujoco.MjSpec, robot: Robot) -> None:
+    """Put the flight controller's site on the base, amid the fans, and its sensors on that."""
+    spec.body("base").add_site(name="autopilot", pos=[0.0, 0.0, robot.fans.z], group=4)
+    for name, kind in SENSORS:
+        spec.add_sensor(name=name, type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname="autopilot")
+
+
+class FansInWorld:
+    """Steps the unit with the physics and puts its wrench on the base.
+
+    Attributes:
+        unit: fans, speed controllers, battery.
+        pwm: pulses in force [us] (4,).
+    """
+
+    def __init__(self, robot: Robot, model: mujoco.MjModel, data: mujoco.MjData):
+        """Find the sensors; the unit is off."""
+        self.unit = PropulsionUnit(robot)
+        self.pwm = np.zeros(4)
+        self._step = model.opt.timestep
+        self._data = data
+        self._orientation, self._gyro, self._accelerometer = (
+            data.sensordata[sensor.adr[0] : sensor.adr[0] + sensor.dim[0]]
+            for sensor in (model.sensor(name) for name, _ in SENSORS)
+        )
+        # The base's free joint: force in world axes at its origin, moment in base axes about it.
+        self._force: Array = data.qfrc_applied[0:3]
+        self._moment: Array = data.qfrc_applied[3:6]
+        self._field = np.empty(3)
+        self._inverse = np.empty(4)
+
+    def reset(self) -> None:
+        """Off, full battery."""
+        self.unit.reset()
+        self.pwm[:] = 0.0
+
+    def step(self, load: float = 0.0) -> None:
+        """Advance by one physics step; call before `mj_step`.
+
+        Args:
+            load: power that the joints' drives take from the battery [W].
+        """
+        wrench = self.unit.step(self.pwm, self._step, load)
+        mujoco.mju_rotVecQuat(self._force, wrench[:3], self._data.qpos[3:7])
+        self._moment[:] = wrench[3:]
+
+    def sample(self) -> FlightSample:
+        """Return what the flight controller's sensors measure."""
+        mujoco.mju_negQuat(self._inverse, self._orientation)
+        mujoco.mju_rotVecQuat(self._field, np.array(MAGNETIC_FIELD), self._inverse)
+        return FlightSample(
+            self._gyro * _FRD,
+            self._accelerometer * _FRD,
+            self._field * _FRD,
+            SEA_LEVEL + _PRESSURE_SLOPE * float(self._data.qpos[2]),
+        )

@@ -1,0 +1,192 @@
+"""The plant's side of the propulsion unit and of the T265: their wires, their faults."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+from rclpy.node import Node
+from rclpy.subscription import Subscription
+
+from husky_description import graph
+from husky_description.lockstep import Peer
+from husky_description.nodes import qos, stamps
+from husky_description.nodes.parameters import declare
+from husky_description.pty_port import PtyPort
+from husky_msgs.msg import FanCommand, FanState, FlightSensors
+from husky_sim.t265_device import T265Device
+from husky_sim.world import World
+
+_RESEND_PERIOD = 0.1
+"""Wall time after which unanswered sensors are sent again [s]."""
+_PULSE_TIMEOUT_NS = 20_000_000
+"""Realtime: a pulse train that is not renewed for so long has ended [ns]."""
+FAN_SUFFIX = "_fan"
+"""Fault targets are `<leg>_fan`."""
+
+
+class PropulsionWires:
+    """Speaks for the sensors of the flight controller, the fans and the T265.
+
+    Attributes:
+        hot: the subscription that a tick waits for.
+        flight_controller: who answers the sensors.
+    """
+
+    def __init__(
+        self, node: Node, world: World, seed: int, grace: float, advance: Callable[[], None]
+    ):
+        """Open the wires.
+
+        Args:
+            node: the plant.
+            world: one with fans.
+            seed: of the T265.
+            grace: wall time a silent flight controller is waited for [s].
+            advance: called when the flight controller has answered.
+        """
+        assert world.fans is not None
+        self._node, self._world, self._fans = node, world, world.fans
+        self._advance = advance
+        self.flight_controller = Peer(graph.FLIGHT_CONTROLLER, grace)
+        self._t265_driver = Peer(graph.T265_DRIVER, grace)  # awaited at the start only
+        self._command_ns = -1
+        self._sent_at = time.monotonic()
+        self._sensors, self._state = FlightSensors(), FanState()
+        self._sensors_publisher = node.create_publisher(
+            FlightSensors, graph.FLIGHT_SENSORS, qos.CONTROL
+        )
+        self._state_publisher = node.create_publisher(FanState, graph.FAN_STATE, qos.STATUS)
+        self.hot: Subscription = node.create_subscription(
+            FanCommand, graph.FAN_COMMAND, self._on_command, qos.CONTROL
+        )
+        self._t265 = T265Device(world.robot.t265, seed)
+        self._t265_port = PtyPort(
+            declare(
+                node,
+                "t265_port",
+                graph.serial_port("t265", node.context.get_domain_id()),
+                "where the T265's wire appears",
+            )
+        )
+
+    # The tick -------------------------------------------------------------------------------
+    def _on_command(self, command: FanCommand) -> None:
+        stamp = stamps.to_ns(command.stamp)
+        if stamp > self._world.time_ns:
+            return  # of a time before a reset
+        self.flight_controller.answer(stamp)
+        if stamp < self._command_ns:
+            return
+        self._command_ns = stamp
+        self._fans.pwm[:] = command.pwm
+        self._advance()
+
+    def ready(self) -> bool:
+        """Return whether this tick's pulses are here, or nobody sends them."""
+        return self.flight_controller.ready(self._world.time_ns)
+
+    def driver_is_set_up(self) -> bool:
+        """Return whether the T265's driver listens, so that no run misses a pose."""
+        if self._t265.streaming:
+            self._t265_driver.answer(0)
+        elif self._t265_driver.expire(time.monotonic()):
+            self._warn(self._t265_driver)
+        return self._t265_driver.ready(0)
+
+    def await_answer(self, now: float) -> None:
+        """Say the sensors again when they may have been lost; give a silent peer up."""
+        if now - self._sent_at > _RESEND_PERIOD:
+            self._send()
+        if self.flight_controller.expire(now):
+            self._fans.pwm[:] = 0.0  # a dead autopilot gives no pulses
+            self._warn(self.flight_controller)
+
+    def watch(self, now: float) -> None:
+        """Realtime: the same without waiting; pulses end when they are not renewed."""
+        if self._world.time_ns - self._command_ns > _PULSE_TIMEOUT_NS:
+            self._fans.pwm[:] = 0.0
+        if not self.ready() and self.flight_controller.expire(now):
+            self._warn(self.flight_controller)
+
+    def _warn(self, peer: Peer) -> None:
+        self._node.get_logger().warning(
+            f"{peer.name} is silent: going on without it, the run is not deterministic"
+        )
+
+    def publish(self) -> None:
+        """Tell what the flight controller's sensors measure now."""
+        sensors, unit, sample = self._sensors, self._fans.unit, self._fans.sample()
+        stamps.fill(sensors.stamp, self._world.time_ns)
+        sensors.angular_velocity = sample.angular_velocity
+        sensors.specific_force = sample.specific_force
+        sensors.magnetic_field = sample.magnetic_field
+        sensors.pressure = sample.pressure
+        sensors.battery_voltage = unit.battery_voltage
+        sensors.battery_current = unit.battery_current
+        self._send()
+
+    def _send(self) -> None:
+        self._sent_at = time.monotonic()
+        self._sensors_publisher.publish(self._sensors)
+
+    def serve(self) -> None:
+        """Carry the T265's poses of this tick, and what is on its wire."""
+        for pose in self._world.poses:
+            self._t265.sample(*pose)
+        self._world.poses.clear()
+        self._t265_port.service(self._t265)
+
+    def publish_state(self) -> None:
+        """Tell the truth about the fans."""
+        state, unit = self._state, self._fans.unit
+        stamps.fill(state.stamp, self._world.time_ns)
+        state.speed, state.thrust, state.current = unit.speed, unit.thrust, unit.current
+        state.battery_voltage = unit.battery_voltage
+        state.battery_current = unit.battery_current
+        state.battery_charge = unit.battery_charge
+        force, torque = state.wrench.force, state.wrench.torque
+        force.x, force.y, force.z, torque.x, torque.y, torque.z = unit.wrench_in_base.tolist()
+        if self._world.gantry is not None:
+            state.rope_taut = list(self._world.gantry.taut())
+        self._state_publisher.publish(state)
+
+    # Rest -----------------------------------------------------------------------------------
+    def restart(self, seed: int) -> None:
+        """The world is back at time 0."""
+        self._t265.restart(seed)
+        self.flight_controller.restart()
+        self._command_ns = -1
+
+    def inject(self, target: str, fault: str) -> bool:
+        """Make a fan, the battery or the T265 fail; return False for another target.
+
+        Raises:
+            ValueError: no such fault.
+        """
+        unit = self._fans.unit
+        fans = [leg + FAN_SUFFIX for leg in self._world.robot.legs]
+        if target in fans:
+            if fault not in ("", "fail"):
+                raise ValueError(f"fault of a fan is {fault!r}, it must be fail or empty")
+            (unit.fail_fan if fault else unit.heal)(fans.index(target))
+        elif target == "battery":
+            unit.set_charge(float(fault) if fault else 1.0)
+        elif target == "t265":
+            if fault == "unplug":
+                self._t265_port.unplug()
+            else:
+                kind, _, intensity = fault.partition(":")
+                self._t265_port.replug()
+                self._t265.inject(kind, float(intensity) if intensity else None)
+        else:
+            return False
+        return True
+
+    def targets(self) -> list[str]:
+        """Return the names that `inject` knows."""
+        return [*(leg + FAN_SUFFIX for leg in self._world.robot.legs), "battery", "t265"]
+
+    def close(self) -> None:
+        """Give the wire back."""
+        self._t265_port.close()

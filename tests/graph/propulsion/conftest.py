@@ -1,0 +1,251 @@
+"""A robot that its fans help, to break."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from nav_msgs.msg import Odometry
+from pymavlink.dialects.v20 import common as mavlink
+from std_srvs.srv import SetBool
+
+from husky_bringup.scripts import stop_walking
+from husky_description import graph
+from husky_description.nodes import stamps
+from husky_description.robot import load_robot
+from husky_msgs.msg import FanState
+
+GRACE = 0.3
+"""Wall time after which the nodes give up a silent peer in these tests [s]."""
+SHARE = 0.4
+"""Of the weight, on the fans."""
+WEIGHT = float(load_robot().mass) * 9.81
+THRUST_PERIOD = 2.0
+"""After a loss all fans are at rest by then [s]."""
+NO_THRUST = 0.01 * WEIGHT
+"""Of all fans, that counts as none [N]."""
+RISE = 0.02 * WEIGHT
+"""By how much the thrust of all fans may rise above its lowest since a loss [N]."""
+
+
+class Fans:
+    """The propulsion unit as a test sees it, with the robot or the graph that carries it."""
+
+    def __init__(self, robot: Any):
+        self.robot = robot
+        self.session = robot.session
+        self._states = robot.tap(FanState, graph.FAN_STATE)
+        self._truths = robot.tap(Odometry, graph.GROUND_TRUTH)
+        self._before = 0.0
+
+    # What is seen ---------------------------------------------------------------------------
+    def watch(self) -> float:
+        """Look at the fans (and the joints) from now on; return the time now [s]."""
+        self._states.clear()
+        self._truths.clear()
+        self._before = self.lift()
+        return float(self.robot.watch())
+
+    def thrusts(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return times [s] and the thrust of each fan (n, 4) [N], since `watch`."""
+        messages = self._states.drain()
+        times = np.array([stamps.to_ns(m.stamp) / 1e9 for m in messages])
+        return times, np.array([m.thrust for m in messages]).reshape(-1, 4)
+
+    def heights(self) -> tuple[float, float]:
+        """Return the base's lowest and highest height since `watch` [m]."""
+        heights = [m.pose.pose.position.z for m in self._truths.drain()]
+        assert len(heights) > 10, "the tap heard too little"
+        return min(heights), max(heights)
+
+    def trots_on(self) -> tuple[float, float]:
+        """Return the heights since `watch`; the robot trots as if nothing had happened."""
+        low, high = self.heights()
+        assert self.robot.mode == "walk" and low > 0.5 and high < 0.6, (low, high, self.seen)
+        return low, high
+
+    def is_told(self) -> bool:
+        """Whether the bridge has the unit, and tells of it as it is now."""
+        p = self.session.propulsion
+        age = self.session.time - stamps.to_ns(p.stamp) / 1e9 if p is not None else 0.0
+        return p is not None and bool(p.connected) and age < 0.2
+
+    def lift(self) -> float:
+        """Return the thrust of all fans now [N]."""
+        fans = self.session.fans
+        return float(sum(fans.thrust)) if fans is not None else 0.0
+
+    @property
+    def seen(self) -> str:
+        """What was seen last, for failures."""
+        p = self.session.propulsion
+        unit = "silent"
+        if p is not None:
+            at = stamps.to_ns(p.stamp) / 1e9
+            unit = f"at {at:.3f} s armed {p.armed}, {p.mode}, {p.failsafe!r}, {p.reason!r}"
+        return f"{self.robot.seen}; unit {unit}, thrust {self.lift():.2f} N"
+
+    def rise(self, since: float) -> float:
+        """Return by how much the thrust has risen above its lowest since a fault [N]."""
+        times, thrusts = self.thrusts()
+        total = thrusts.sum(axis=1)[times >= since]
+        return float((total - np.minimum.accumulate(total)).max())
+
+    def helps(self, since: float) -> bool:
+        """Return whether the fans have carried their share all the time since [s]."""
+        times, thrusts = self.thrusts()
+        total = thrusts.sum(axis=1)[times >= since] / (SHARE * WEIGHT)
+        return bool(0.9 < total.min() and total.max() < 1.1)
+
+    def thrust_ends(self, since: float, settled: float = 0.0) -> float:
+        """Return how long after a loss the last thrust acted [s], at most `THRUST_PERIOD`.
+
+        On its way there it never rises, or while it settles [s] not above what it was.
+        """
+        times, thrusts = self.thrusts()
+        total = thrusts.sum(axis=1)
+        assert len(times) > 100 and times[-1] > since + THRUST_PERIOD, "the tap heard too little"
+        rise = self.rise(since + settled)
+        assert rise <= RISE, f"thrust rises by {rise:.2f} N"
+        assert total.max() <= self._before + RISE, f"thrust rises to {total.max():.2f} N"
+        acting = times[(total > NO_THRUST) & (times > since)]
+        ends = float(acting[-1] - since) if len(acting) else 0.0
+        assert ends <= THRUST_PERIOD, f"thrust {ends:.2f} s after a loss; {self.seen}"
+        return ends
+
+    # What is done ---------------------------------------------------------------------------
+    def heal(self) -> None:
+        """Heal every device of the unit."""
+        for target in (*(f"{leg}_fan" for leg in load_robot().legs), "battery", "t265"):
+            self.session.inject(graph.PLANT_INJECT_FAULT, target, "")
+
+    def share(self, share: float) -> None:
+        """Ask the fans for a share of the weight."""
+        self.session.set_parameter(graph.LOW_LEVEL_CONTROLLER, "assist.share", float(share))
+
+    def assist(self) -> None:
+        """Arm, and wait until the fans of the standing robot carry their share."""
+        s = self.session
+        self.robot.until(self.is_told, "news of the unit", within=3.0, step=0.1)
+        if not s.propulsion.armed:
+            self.share(0.0)
+            s.advance(1.0)  # until it is still, and has heard commands of no thrust
+            s.set_flight_mode("OFFBOARD")
+            s.arm()
+            s.advance(1.2)  # the speed controllers want to see a second of low pulses
+            assert self.is_told() and s.propulsion.armed, self.seen
+            assert s.propulsion.mode == "OFFBOARD", self.seen
+        self.share(SHARE)
+        self.robot.until(
+            lambda: self.lift() > 0.97 * SHARE * WEIGHT,
+            f"{SHARE} of the weight on the fans, now {self.seen}",
+            within=4.0,
+            step=0.1,
+        )
+
+    def arming_refused(self) -> str:
+        """Try to arm; return why that is refused."""
+        answer = self.session.call(graph.PROPULSION_ARM, SetBool.Request(data=True))
+        assert not answer.success, self.seen
+        return str(answer.message)
+
+    def trot(self) -> None:
+        """Stand up, arm, assist and trot, as far as that is not so already."""
+        robot = self.robot
+        if not robot.stands:
+            self.share(0.0)
+            self.heal()
+            robot.start_again()
+            robot.stand()
+        self.assist()
+        robot.trot()
+
+    def recover(self) -> None:
+        """The way back from a fault: the robot stands, and its fans carry their share again."""
+        self.heal()
+        if self.robot.mode == "walk":
+            stop_walking(self.session)
+        if not self.robot.stands:
+            self.share(0.0)
+            self.robot.recover()
+        self.assist()
+        assert self.robot.stands and self.robot.height > 0.5, self.seen
+
+
+class Stranger:
+    """Somebody on the UDP port of the flight controller."""
+
+    def __init__(self, system: int, component: int, domain: int, key: bytes = b""):
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._address = ("127.0.0.1", 18570 + domain)
+        self._codec = mavlink.MAVLink(None, system, component)
+        if key:
+            self._codec.signing.secret_key = key
+            self._codec.signing.sign_outgoing = True
+
+    def pack(self, message: Any) -> bytes:
+        """Return the next frame with a message."""
+        frame = bytes(message.pack(self._codec))
+        self._codec.seq = (self._codec.seq + 1) % 256
+        return frame
+
+    def say(self, *messages: Any) -> None:
+        """Send messages, each in a datagram."""
+        for message in messages:
+            self.send(self.pack(message))
+
+    def send(self, data: bytes) -> None:
+        """Send bytes as they are."""
+        self._socket.sendto(data, self._address)
+
+    def close(self) -> None:
+        """Fall silent."""
+        self._socket.close()
+
+
+@pytest.fixture(scope="module")
+def fans_of_module(new_graph: Any) -> Iterator[Fans]:
+    """The graph with fans that the tests of a module share, in lockstep."""
+    settings = {
+        graph.PLANT: {"grace": GRACE, "seed": 1, "body": "robot_with_unit"},
+        graph.DRIVE_BRIDGE: {"grace": GRACE},
+        graph.LOW_LEVEL_CONTROLLER: {"grace": GRACE, "stand.joint_speed": 3.0},
+        graph.FLIGHT_CONTROLLER: {"grace": GRACE},
+    }
+    with new_graph(**settings) as robot:
+        yield Fans(robot)
+
+
+@pytest.fixture(scope="module")
+def unit_of_module(new_graph: Any) -> Iterator[Fans]:
+    """The unit alone and a remote control, in lockstep."""
+    settings = {
+        graph.PLANT: {"grace": GRACE, "seed": 1, "body": "unit", "keyframe": "stand"},
+        graph.FLIGHT_CONTROLLER: {"grace": GRACE},
+    }
+    with new_graph(remote=True, **settings) as robot:
+        yield Fans(robot)
+
+
+@pytest.fixture
+def assisted(fans_of_module: Fans) -> Fans:
+    """A trotting robot with its fans' help, all well."""
+    fans_of_module.trot()
+    return fans_of_module
+
+
+@pytest.fixture
+def stranger(domain: int) -> Iterator[Any]:
+    """Makes a stranger: system, component, key."""
+    made: list[Stranger] = []
+
+    def make(system: int, component: int, key: bytes = b"") -> Stranger:
+        made.append(Stranger(system, component, domain, key))
+        return made[-1]
+
+    yield make
+    for one in made:
+        one.close()

@@ -1,0 +1,75 @@
+"""Fans, battery and camera that fail while the robot trots with their help."""
+
+import pytest
+from nav_msgs.msg import Odometry
+
+from husky_description import graph
+from husky_description.nodes import stamps
+
+pytestmark = pytest.mark.graph
+
+SETTLED = 0.3
+"""The voltage falls at once, and with it the thrust, which the autopilot then makes up for [s]."""
+
+
+def test_fan_lost_while_trotting(assisted, record_property):
+    """Nobody is told: its controller has no telemetry. The legs carry what it does not."""
+    s = assisted.session
+    failed = assisted.watch()
+    s.inject(graph.PLANT_INJECT_FAULT, "front_left_fan", "fail")
+    s.advance(2.2)
+    times, thrusts = assisted.thrusts()
+    record_property("reaction_s", times[thrusts[:, 0] > 0.2][-1] - failed)
+    record_property("rise_n", assisted.rise(failed))
+    record_property("others_n", (thrusts[0, 1:].sum(), thrusts[-1, 1:].sum()))
+    record_property("others_max_n", thrusts[:, 1:].sum(axis=1).max())
+    record_property("heights_m", assisted.trots_on())
+    assert thrusts[-1, 0] < 0.05, assisted.seen
+    assert s.propulsion.armed and not s.propulsion.failsafe, assisted.seen
+    assisted.recover()
+
+
+@pytest.mark.parametrize("charge", ["0.0", "0.05"])
+def test_battery_empty(assisted, record_property, charge):
+    s = assisted.session
+    failed = assisted.watch()
+    s.inject(graph.PLANT_INJECT_FAULT, "battery", charge)
+    s.advance(2.2)
+    record_property("reaction_s", assisted.thrust_ends(failed, SETTLED))
+    record_property("heights_m", assisted.trots_on())
+    assert not s.propulsion.armed, assisted.seen
+    assert "attery" in s.propulsion.reason or "isarmed" in s.propulsion.reason, assisted.seen
+    answer = assisted.arming_refused()
+    assert "battery" in answer, answer
+    assisted.recover()
+
+
+def test_t265_freezes(assisted):
+    """No foot and no fan follows the camera."""
+    s = assisted.session
+    poses = assisted.robot.tap(Odometry, graph.T265_ODOMETRY)
+    s.advance(0.2)
+    assert len(poses.drain()) > 20, assisted.seen
+    failed = assisted.watch()
+    s.inject(graph.PLANT_INJECT_FAULT, "t265", "freeze")
+    s.advance(0.5)
+    late = [m for m in poses.drain() if stamps.to_ns(m.header.stamp) / 1e9 > failed + 0.01]
+    assert not late, f"{len(late)} poses of a frozen camera"
+    assisted.trots_on()
+    assert assisted.helps(failed), assisted.seen
+    s.inject(graph.PLANT_INJECT_FAULT, "t265", "")
+    poses.clear()
+    s.advance(0.2)
+    assert len(poses.drain()) > 20, assisted.seen
+
+
+def test_t265_jumps(assisted):
+    """Its driver tells; nobody else needs to know."""
+    s, robot = assisted.session, assisted.robot
+    before = robot.told(graph.T265_DRIVER, "jumps")
+    failed = assisted.watch()
+    s.inject(graph.PLANT_INJECT_FAULT, "t265", "jump")
+    s.advance(0.5)
+    assert robot.told(graph.T265_DRIVER, "jumps") - before == 1
+    assisted.trots_on()
+    assert assisted.helps(failed), assisted.seen
