@@ -67,6 +67,7 @@ def _spin(make_node: Callable[[], HotNode]) -> int:
         # Whoever finds a node that does not end finds in its log where it stands.
         faulthandler.dump_traceback_later(_END_PERIOD)
 
+    faulthandler.enable()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, end)
     try:
