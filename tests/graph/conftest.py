@@ -27,7 +27,7 @@ from husky_description import graph
 from husky_description.nodes import qos, stamps
 from husky_msgs.msg import ServoCommand, ServoState
 
-GRACE = 0.3
+GRACE = 1.0
 """Wall time after which the nodes give up a silent peer in these tests [s]."""
 TORQUE_PERIOD = 0.1
 """No joint may get a torque later than this after its command source has died [s]."""

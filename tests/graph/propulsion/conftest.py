@@ -18,7 +18,7 @@ from husky_description.nodes import stamps
 from husky_description.robot import load_robot
 from husky_msgs.msg import FanState
 
-GRACE = 0.3
+GRACE = 1.0
 """Wall time after which the nodes give up a silent peer in these tests [s]."""
 SHARE = 0.4
 """Of the weight, on the fans."""
