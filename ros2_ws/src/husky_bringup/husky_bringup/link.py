@@ -23,7 +23,7 @@ _START_PERIOD = 60.0
 """Wall time that the graph may take to come up, on a loaded machine [s]."""
 _PROBE_PERIOD = 1.0
 """Wall time after which a first request is made again [s]."""
-ANSWER_PERIOD = 30.0
+ANSWER_PERIOD = 45.0
 """Wall time that a service may take to answer [s]."""
 
 

@@ -69,7 +69,8 @@ def attitude_summary(
     """Return how far the attitude was from the desired one while the fans carried.
 
     `attitude_rms_deg` is the root mean square over time and over the three axes of the true
-    attitude's error while all ropes are slack; `_taut` while one is taut. Desired headings count
+    attitude's error while all ropes are slack; `_taut` while one is taut, `_all` whatever
+    the ropes do. Desired headings count
     from the autopilot's north, so the mean `heading_offset_deg` of its compass is taken out of the
     truth; `attitude_to_true_north_rms_deg` has it in. `_measured` is the error of the attitude that
     the autopilot takes for true, which is what it can see.
@@ -90,7 +91,7 @@ def attitude_summary(
         "_measured": attitude_error(state.attitude, state),
     }
     result: dict[str, float | int | None] = {"heading_offset_deg": float(np.degrees(offset))}
-    for name, rows in (("", held & ~pulls), ("_taut", held & pulls)):
+    for name, rows in (("", held & ~pulls), ("_taut", held & pulls), ("_all", held)):
         result[f"duration{name or '_slack'}_s"] = float(rows.sum() / _rate(state))
         for kind, error in errors.items():
             degrees = np.degrees(error[rows])

@@ -40,13 +40,6 @@ _CHUNK_TICKS = 100
 """Ticks between two messages on /cmd_vel, well below the 0.5 s after which it counts as silent."""
 _CLOCK_PERIOD = 0.01
 """Of /clock [s]."""
-RADIO_LOOK, RADIO_PHASE = 0.07, 0.008
-"""In lockstep sticks act at the same tick in every run if they are moved every so often, at a
-multiple of 70 ms and 8 ms [s].
-
-A frame is due every 14 ms, is sent with the message of /clock up to 10 ms before, and acts 6 ms
-after. At 70 n + 8 ms the frame that is due at 70 n ms has acted, and the next one, due at
-70 n + 14 ms, goes out with the message of /clock at 70 n + 10 ms, after the sticks have moved."""
 _REPORT_PERIOD = 5.0
 """Wall time that a report may be late, after which its node counts as silent [s]. One that is lost
 is sent again within 3 s, the middleware's heartbeat."""
@@ -193,7 +186,7 @@ class Session(GraphLink):
         """Step to the radio's first frame and wait until the autopilot has it.
 
         The autopilot counts frames from the first one on, so that one must come at the same tick in
-        every run. See `RADIO_LOOK` for when sticks may be moved.
+        every run.
         """
         self.advance(_CLOCK_PERIOD)
         self.wait_for(lambda: self._radio_frames > 0, "the radio's first frame at the autopilot")
@@ -410,8 +403,10 @@ class Session(GraphLink):
         self._cmd_vel.publish(twist)
 
     def joystick(self, axes: Sequence[float], buttons: Sequence[int]) -> None:
-        """Move the sticks of the remote control: axes -1 to 1, buttons 0 or 1."""
-        self._joy.publish(Joy(axes=[float(a) for a in axes], buttons=[int(b) for b in buttons]))
+        """Move the sticks of the remote control now: axes -1 to 1, buttons 0 or 1."""
+        joy = Joy(axes=[float(a) for a in axes], buttons=[int(b) for b in buttons])
+        stamps.fill(joy.header.stamp, round(1e9 * self.time))
+        self._joy.publish(joy)
 
     def arm(self, armed: bool = True) -> None:
         """Arm or disarm the propulsion unit.

@@ -10,14 +10,13 @@ import pytest
 
 from husky_bringup.experiments import pu_test
 from husky_bringup.pilot import Pilot
-from husky_bringup.session import RADIO_LOOK, RADIO_PHASE
+from husky_bringup.radio_flight import Flight, hanging_height, weight_share
 from husky_description.mujoco_model import flying_inertia
 from husky_description.robot import load_robot
 from husky_pu.autopilot import Autopilot, AutopilotConfig
 from husky_pu.autopilot_imu import SensorSample
-from husky_pu.autopilot_pace import FramePace
 from husky_pu.mixer import Mixer
-from husky_pu.rc_mapping import FrameSchedule, JoyLayout, RcMapping
+from husky_pu.rc_mapping import JoyLayout, RcMapping
 from husky_sim.world import World, WorldOptions
 
 ROBOT = load_robot()
@@ -25,7 +24,7 @@ FRAME_NS = 14_000_000
 
 
 class Bench:
-    """What `pu_test.Flown` asks for, stepped by hand."""
+    """What `radio_flight.Flown` asks for, stepped by hand."""
 
     def __init__(self, seed: int = 0) -> None:
         self.world = World(
@@ -34,7 +33,7 @@ class Bench:
                 body="unit",
                 keyframe="stand",
                 gantry=pu_test.GANTRY,
-                start_height=pu_test.hanging_height() - pu_test.standing_height(ROBOT),
+                start_height=hanging_height(pu_test.GANTRY) - pu_test.standing_height(ROBOT),
             ),
         )
         inertia = flying_inertia(ROBOT, "unit")
@@ -91,14 +90,14 @@ class Bench:
 
 
 @pytest.fixture(scope="module")
-def flown() -> tuple[Bench, pu_test.Flight]:
+def flown() -> tuple[Bench, Flight]:
     bench = Bench()
-    flight = pu_test.Flight(bench, Pilot(pu_test.weight_share(ROBOT)))
+    flight = Flight(bench, Pilot(weight_share(ROBOT)))
     pu_test.fly_script(flight, hold=4.0)
     return bench, flight
 
 
-def rows(flown: tuple[Bench, pu_test.Flight], name: str) -> Any:
+def rows(flown: tuple[Bench, Flight], name: str) -> Any:
     """Return time, armed, taut, height and thrust after each look of a passage (n, 5)."""
     bench, flight = flown
     start, end = flight.passages[name]
@@ -106,28 +105,28 @@ def rows(flown: tuple[Bench, pu_test.Flight], name: str) -> Any:
     return table[(table[:, 0] > start + 1e-6) & (table[:, 0] <= end + 1e-6)]
 
 
-def test_it_hangs_in_both_ropes_before_and_after(flown: tuple[Bench, pu_test.Flight]) -> None:
+def test_it_hangs_in_both_ropes_before_and_after(flown: tuple[Bench, Flight]) -> None:
     """Ropes of known length over a known beam: the height is Pythagoras's."""
     for name in ("before", "disarmed"):
         table = rows(flown, name)
         assert np.all(table[:, 2] == 1.0)
         # a rope gives by some millimetres, and the unit swings a little at the end
-        assert np.allclose(table[:, 3], pu_test.hanging_height(), atol=0.02)
+        assert np.allclose(table[:, 3], hanging_height(pu_test.GANTRY), atol=0.02)
         assert table[-1, 1] == 0.0
         assert table[-1, 4] == 0.0
 
 
-def test_it_hovers_with_slack_ropes(flown: tuple[Bench, pu_test.Flight]) -> None:
+def test_it_hovers_with_slack_ropes(flown: tuple[Bench, Flight]) -> None:
     for name in ("hold", "roll", "pitch", "yaw_left", "yaw_right"):
         table = rows(flown, name)
         assert np.all(table[:, 1] == 1.0), name
         assert np.all(table[:, 2] == 0.0), name
     end = rows(flown, "hold")[-1]
-    assert end[3] == pytest.approx(pu_test.hanging_height() + 0.3, abs=0.03)
-    assert end[4] == pytest.approx(pu_test.weight_share(ROBOT), rel=0.05)
+    assert end[3] == pytest.approx(hanging_height(pu_test.GANTRY) + 0.3, abs=0.03)
+    assert end[4] == pytest.approx(weight_share(ROBOT), rel=0.05)
 
 
-def test_too_far_ends_at_a_rope(flown: tuple[Bench, pu_test.Flight]) -> None:
+def test_too_far_ends_at_a_rope(flown: tuple[Bench, Flight]) -> None:
     table = rows(flown, "too_far")
     assert table[-1, 2] == 1.0
     assert np.all(table[:-1, 2] == 0.0)
@@ -145,31 +144,3 @@ def test_steps_come_back_to_where_they_began() -> None:
     # the sum of the speeds is off by half a sample of the largest
     assert np.sum(speed) * dt == pytest.approx(0.0, abs=dt * np.abs(speed).max())
     assert np.abs(tilt).max() == pytest.approx(np.radians(5.0))
-
-
-def frames_under_way(phase_ms: int) -> int:
-    """Return how many frames a look may find sent but not in force, at most.
-
-    Transmitter and autopilot as they are in lockstep: frames go out with the clock's messages, each
-    10 ms, and act by counting. A script at t knows that the autopilot has done the tick before.
-    """
-    schedule, pace = FrameSchedule(FRAME_NS, 10_000_000), FramePace[int](FRAME_NS)
-    sent = taken = most = 0
-    look_ms = round(1e3 * RADIO_LOOK)
-    for now_ms in range(0, 5000, 2):
-        if now_ms > 100 and now_ms % look_ms == phase_ms:
-            most = max(most, sent - taken)
-        while pace.take(1_000_000 * now_ms) is not None:
-            taken += 1
-        if now_ms % 10 == 0:
-            for number in schedule.due(1_000_000 * now_ms)[0]:
-                pace.push(number, 1_000_000 * now_ms)
-                sent += 1
-    assert taken > 300
-    return most
-
-
-def test_sticks_move_when_no_frame_is_under_way() -> None:
-    """So it does not matter how far the transmitter has got with what it was told."""
-    assert frames_under_way(round(1e3 * RADIO_PHASE)) == 0
-    assert frames_under_way(0) > 0

@@ -40,11 +40,16 @@ class ThrustAssist:
         self.moment = np.zeros(3)
         self._weight = float(robot.mass) * GRAVITY
         self._parameters = parameters
+        self._withheld_at = -1
 
     def reset(self) -> None:
         """As made: the fans are off."""
         self.force = self.lift = 0.0
         self.moment.fill(0.0)
+
+    def withhold(self) -> None:
+        """Give no more help until the share is set anew: something has gone wrong with it."""
+        self._withheld_at = self._parameters.set_at("assist.share")
 
     def tick(
         self,
@@ -64,6 +69,7 @@ class ThrustAssist:
             dt: s.
         """
         p = self._parameters
+        wanted = wanted and p.set_at("assist.share") != self._withheld_at
         target = p["assist.share"] * self._weight if wanted and available else 0.0
         step = p["assist.slew"] * self._weight * dt
         fall = step if wanted else max(step, RELEASE * self._weight * dt)

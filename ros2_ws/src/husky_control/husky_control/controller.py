@@ -21,6 +21,7 @@ from husky_control.posture import PostureMove
 from husky_control.rotation import matrix_from_quaternion, tilt_of, yaw_of
 from husky_control.safety import Safety, all_finite, limit_command
 from husky_control.stance import distribute_weight
+from husky_control.suspended import Suspended
 from husky_control.t265_pose import T265Pose
 from husky_control.walking import Walking
 
@@ -128,6 +129,7 @@ class Controller:
         self._gait_name = "trot"
         self._walking = Walking(robot, self.parameters, self.parameters.gait(self._gait_name))
         self._move = PostureMove()
+        self._suspended = Suspended(robot, self.parameters.gait(self._gait_name))
         self.assist = ThrustAssist(robot, self.parameters)
         self.hover = Hover(robot)
         self._fly_posture = np.zeros(JOINTS)
@@ -165,6 +167,9 @@ class Controller:
         if name == "stand" and self.mode is Mode.FLY:
             self.hover.land()
             return True, "landing"
+        if name == "hang" and self.mode is Mode.TREAD:
+            self._suspended.stop()
+            return True, "stopping"
         row, message = self._machine.request(name)
         if row is None:
             self.counters.refused_requests += 1
@@ -220,7 +225,8 @@ class Controller:
     @property
     def phase(self) -> float:
         """Phase of the gait, 0 to 1."""
-        return self._walking.clock.phase
+        clock = self._suspended.clock if self.mode is Mode.TREAD else self._walking.clock
+        return clock.phase
 
     @property
     def settled(self) -> bool:
@@ -255,7 +261,8 @@ class Controller:
     @property
     def stance(self) -> Mask:
         """Legs that the gait has on the ground, (4,) bool."""
-        stance: Mask = ~self._walking.clock.swinging
+        clock = self._suspended.clock if self.mode is Mode.TREAD else self._walking.clock
+        stance: Mask = ~clock.swinging
         return stance
 
     @property
@@ -339,7 +346,7 @@ class Controller:
             self._thresholds,
             TICK,
         )
-        if self.mode not in ACTIVE:
+        if self.mode not in ACTIVE or self.mode in (Mode.HANG, Mode.TREAD):
             self._estimator.reset(self._foot_in_base, self._rotation)
             return
         if self.mode is Mode.FLY and self.hover.phase in AIRBORNE:
@@ -419,6 +426,14 @@ class Controller:
             command.effort[:] = self._walking.joint_torque
         elif mode is Mode.FLY:
             self._fly()
+        elif mode is Mode.HANG or mode is Mode.TREAD:
+            self._suspended.tick(TICK)
+            command.mode_of_operation = CYCLIC_POSITION
+            command.position[:] = self._suspended.joint_position
+            command.velocity[:] = self._suspended.joint_velocity
+            command.effort.fill(0.0)
+            if mode is Mode.TREAD and self._suspended.at_rest:
+                self._follow_event(Event.DONE, "feet down")
         else:
             if self.hover.active:
                 self.hover.fade(TICK)
@@ -525,6 +540,12 @@ class Controller:
                 self._foot_force,
                 self.parameters.gait(self._gait_name),
             )
+        elif mode is Mode.HANG and Mode.PASSIVE in row.sources:
+            start, posture = self._measurements.joint_position, self._stand_posture()
+            self._safety.reset()
+            self._suspended.begin(start, posture, self._gather_time(start, posture))
+        elif mode is Mode.TREAD:
+            self._suspended.tread(self.parameters.gait(self._gait_name))
         elif mode is Mode.FLY:
             self._take_off()
         elif mode is Mode.STAND and Mode.FLY in row.sources:
@@ -535,6 +556,8 @@ class Controller:
                 self.parameters.gait(self._gait_name), self._estimator.position
             )
 
+        if mode in (Mode.DAMPING, Mode.EMERGENCY_STOP):
+            self.assist.withhold()
         if mode not in (Mode.FLY, Mode.STAND) and self.hover.active:
             self.hover.end(at_once=mode is Mode.EMERGENCY_STOP)
 
@@ -595,6 +618,10 @@ class Controller:
             return m.pose.usable(m.time)
         if condition == "landed":
             return self.hover.done
+        if condition == "posture_reached":
+            return self._suspended.ready
+        if condition == "feet_still":
+            return self._suspended.at_rest
         raise KeyError(condition)
 
     # ------------------------------------------------------------------- parts

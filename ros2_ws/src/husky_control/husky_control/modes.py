@@ -15,6 +15,8 @@ class Mode(Enum):
     STAND = "stand"
     WALK = "walk"
     FLY = "fly"
+    HANG = "hang"
+    TREAD = "tread"
     SIT = "sit"
     DAMPING = "damping"
     EMERGENCY_STOP = "emergency_stop"
@@ -26,12 +28,14 @@ DESCRIPTIONS: dict[Mode, str] = {
     Mode.STAND: "holds the body over four feet",
     Mode.WALK: "steps in a gait; also while it comes to a stop",
     Mode.FLY: "hovers on the fans, legs in the standing posture; also take-off and landing",
+    Mode.HANG: "holds the standing posture without the ground, for a robot in ropes",
+    Mode.TREAD: "steps in place under its hips, in the base's frame, for a robot in ropes (T40)",
     Mode.SIT: "lowers the body, then holds the sitting posture",
     Mode.DAMPING: "joints are held at zero velocity: the robot sinks",
     Mode.EMERGENCY_STOP: "joints get zero torque until an operator asks for passive",
 }
 
-ACTIVE = frozenset({Mode.STAND_UP, Mode.STAND, Mode.WALK, Mode.FLY, Mode.SIT})
+ACTIVE = frozenset(Mode) - {Mode.PASSIVE, Mode.DAMPING, Mode.EMERGENCY_STOP}
 """Modes in which the drives follow positions, and in which safety can trip."""
 
 
@@ -64,6 +68,8 @@ CONDITIONS: dict[str, str] = {
     "fans_available": "the fans are not armed or do not follow",
     "pose_fresh": "the T265 gives no pose, or a doubtful one",
     "landed": "the legs do not carry the weight yet",
+    "posture_reached": "the legs are still on their way to the posture",
+    "feet_still": "the feet are still stepping",
 }
 """Name of each condition, and the reason given when it does not hold."""
 
@@ -96,6 +102,12 @@ TRANSITIONS: tuple[Transition, ...] = (
          (*_READY, "at_rest", "fans_available", "pose_fresh")),
     _row(Mode.FLY,            Event.DONE,    Mode.STAND,    conditions=("landed",),
          label="stand requested or T265 lost; down, weight on the legs"),
+    _row(Mode.PASSIVE,        Event.REQUEST, Mode.HANG,     ("hang",), _READY),
+    _row(Mode.HANG,           Event.REQUEST, Mode.TREAD,    ("tread",),
+         (*_READY, "posture_reached")),
+    _row(Mode.TREAD,          Event.DONE,    Mode.HANG,     conditions=("feet_still",),
+         label="hang requested; all feet down"),
+    _row(Mode.HANG,           Event.REQUEST, Mode.PASSIVE,  ("passive",)),
     _row(Mode.SIT,            Event.REQUEST, Mode.PASSIVE,  ("passive",)),
     _row(Mode.DAMPING,        Event.REQUEST, Mode.PASSIVE,  ("passive",)),
     _row(Mode.EMERGENCY_STOP, Event.REQUEST, Mode.PASSIVE,  ("passive",)),
@@ -107,7 +119,10 @@ TRANSITIONS: tuple[Transition, ...] = (
 # fmt: on
 
 REQUESTS: tuple[str, ...] = tuple(mode.value for mode in Mode)
-"""What may be requested; `stand` also stops walking and lands, which then end in the mode stand."""
+"""What may be requested.
+
+`stand` also stops walking and lands, which then end in the mode stand, and `hang` stops treading.
+"""
 
 
 class ModeMachine:

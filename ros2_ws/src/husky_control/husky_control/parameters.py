@@ -120,6 +120,7 @@ class Parameters:
         """
         self._values = {name: parameter.default for name, parameter in TABLE.items()}
         self.revision = 0
+        self._set_at: dict[str, int] = {}
         for name, value in (values or {}).items():
             self.set(name, value)
 
@@ -148,6 +149,11 @@ class Parameters:
             )
         self._values[name] = number
         self.revision += 1
+        self._set_at[name] = self.revision
+
+    def set_at(self, name: str) -> int:
+        """The revision in which a parameter was set last, 0 for never."""
+        return self._set_at.get(name, 0)
 
     def gait(self, name: str) -> Gait:
         """A gait of the table with the present values of its columns.

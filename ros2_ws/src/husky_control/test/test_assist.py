@@ -96,3 +96,15 @@ def test_lift_in_world_is_the_upward_part():
     run(assist, 3.0)
     tilted = Rotation.from_euler("x", 60, degrees=True).as_matrix()
     assert assist.lift_in_world(tilted) == pytest.approx(0.5 * assist.lift)
+
+
+def test_withheld_help_comes_back_only_when_the_share_is_set_anew():
+    parameters = Parameters({"assist.share": 0.4})
+    assist = ThrustAssist(ROBOT, parameters)
+    assert run(assist, 3.0)[-1] == pytest.approx(0.4 * WEIGHT)
+    assist.withhold()
+    assert run(assist, 5.0)[-1] == 0.0
+    parameters.set("assist.slew", 2.0)
+    assert run(assist, 1.0)[-1] == 0.0
+    parameters.set("assist.share", 0.4)
+    assert run(assist, 3.0)[-1] == pytest.approx(0.4 * WEIGHT)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from husky_pu.sbus import HIGH, LOW, Channel, Frame, frame_of_pulses
@@ -157,6 +158,38 @@ def _button(buttons: Sequence[int], place: int, name: str) -> bool:
     if place >= len(buttons):
         raise ValueError(f"no button {place} for {name.lower()}, there are {len(buttons)}")
     return bool(buttons[place])
+
+
+class JoyQueue:
+    """Joystick messages that wait until the clock has passed their stamps.
+
+    One that was sent at t and one of the clock that was told at t come in either order. With this a
+    message counts from the first time after its stamp, in every run.
+    """
+
+    def __init__(self, horizon: float = 1.0):
+        """Begin empty.
+
+        Args:
+            horizon: a stamp further from the clock than this is of another clock, or none, and its
+                message counts at once [s].
+        """
+        self._horizon = horizon
+        self._waiting: deque[tuple[float, Sequence[float], Sequence[int]]] = deque()
+
+    def push(self, stamp: float, axes: Sequence[float], buttons: Sequence[int], now: float) -> None:
+        """Take a message with its stamp, at a time of the clock [s]."""
+        ours = abs(stamp - now) <= self._horizon
+        self._waiting.append((stamp if ours else -math.inf, axes, buttons))
+
+    def due(self, now: float) -> Iterator[tuple[Sequence[float], Sequence[int]]]:
+        """Yield axes and buttons of the messages from before a time [s], as they have come."""
+        while self._waiting and self._waiting[0][0] < now:
+            yield self._waiting.popleft()[1:]
+
+    def clear(self) -> None:
+        """Forget what waits: time has gone back."""
+        self._waiting.clear()
 
 
 class FrameSchedule:

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from husky_description.pty_port import PtyPort
-from husky_pu.rc_mapping import FrameSchedule, JoyLayout, RcMapping
+from husky_pu.rc_mapping import FrameSchedule, JoyLayout, JoyQueue, RcMapping
 from husky_pu.sbus import BAUD, Channel, SbusParser, encode, frame_of_pulses
 from husky_pu.sbus_line import SbusLine
 
@@ -148,3 +148,29 @@ def test_the_line_survives_losing_its_port(tmp_path):
     assert (line.sent, line.connections, parser.garbage_bytes) == (2, 2, 0)
     line.close()
     assert not line.connected
+
+
+def test_a_joystick_message_counts_from_the_first_time_after_its_stamp():
+    """So it does not matter whether it came before or after the clock of its own time."""
+    for told_before in (False, True):
+        queue = JoyQueue()
+        if told_before:
+            assert list(queue.due(0.10)) == []
+        queue.push(0.10, [1.0], [0], 0.10 if told_before else 0.09)
+        assert list(queue.due(0.10)) == []
+        assert list(queue.due(0.11)) == [([1.0], [0])]
+        assert list(queue.due(0.12)) == []
+
+
+@pytest.mark.parametrize("stamp", [0.0, 1.8e9])
+def test_a_stamp_of_another_clock_counts_at_once(stamp):
+    queue = JoyQueue()
+    queue.push(stamp, [1.0], [0], 40.0)
+    assert list(queue.due(40.0)) == [([1.0], [0])]
+
+
+def test_what_waits_is_forgotten_when_time_goes_back():
+    queue = JoyQueue()
+    queue.push(40.0, [1.0], [0], 40.0)
+    queue.clear()
+    assert list(queue.due(41.0)) == []

@@ -14,11 +14,13 @@ from husky_pu.propulsion_unit import PropulsionUnit
 Array = NDArray[np.float64]
 
 MAGNETIC_FIELD = (0.0, 0.195, -0.480)
-"""Of the earth in world axes, east, north, up [gauss]: Boston, declination left out."""
+"""Of the earth in world axes, east, north, up [gauss]: Boston, declination left out, by the World
+Magnetic Model (0.195 horizontal, 0.480 down)."""
 SEA_LEVEL = 101325.0
 """Pressure of the standard atmosphere at height 0 [Pa]."""
 _PRESSURE_SLOPE = -12.01
-"""Its change with height near the ground [Pa/m]."""
+"""Its change with height near the ground [Pa/m]: -density times gravity, 1.225 kg/m^3."""
+_FIELD = np.array(MAGNETIC_FIELD)
 _FRD = np.array((1.0, -1.0, -1.0))
 SENSORS = (
     ("autopilot_orientation", mujoco.mjtSensor.mjSENS_FRAMEQUAT),
@@ -93,7 +95,7 @@ class FansInWorld:
     def sample(self) -> FlightSample:
         """Return what the flight controller's sensors measure."""
         mujoco.mju_negQuat(self._inverse, self._orientation)
-        mujoco.mju_rotVecQuat(self._field, np.array(MAGNETIC_FIELD), self._inverse)
+        mujoco.mju_rotVecQuat(self._field, _FIELD, self._inverse)
         return FlightSample(
             self._gyro * _FRD,
             self._accelerometer * _FRD,

@@ -19,9 +19,12 @@ TROLLEY_SPEED = 0.25
 """[m/s]"""
 RAIL = 4.0
 """The trolley's range on either side of the middle [m]."""
-_SPEED_GAIN = 900.0
+_STIFFNESS = 900.0
+"""Stiffness of the trolley's position servo, critically damped [N/m]."""
 _MASS = 20.0
+"""Of trolley and beam; the thesis does not tell [kg]."""
 _WIDTH = 0.012
+"""Of a rope, for the eye only [m]."""
 
 
 def add_gantry(spec: mujoco.MjSpec, options: GantryOptions) -> None:
@@ -81,7 +84,7 @@ def add_gantry(spec: mujoco.MjSpec, options: GantryOptions) -> None:
         rope.wrap_site(f"{name}_top")
         rope.wrap_site(f"{name}_end")
     servo = spec.add_actuator(name=TROLLEY, target=TROLLEY, trntype=mujoco.mjtTrn.mjTRN_JOINT)
-    servo.set_to_position(kp=_SPEED_GAIN, kv=2.0 * (_SPEED_GAIN * _MASS) ** 0.5)
+    servo.set_to_position(kp=_STIFFNESS, kv=2.0 * (_STIFFNESS * _MASS) ** 0.5)
     servo.ctrllimited = mujoco.mjtLimited.mjLIMITED_TRUE
     servo.ctrlrange = [-RAIL, RAIL]
     for key in spec.keys:  # which know nothing of the trolley yet

@@ -10,25 +10,20 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Callable
-from typing import Any, Protocol
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from husky_bringup.pilot import Pilot, Sight, Wish
+from husky_bringup.pilot import Pilot, Wish
 from husky_bringup.propulsion_metrics import attitude_summary, battery_summary
+from husky_bringup.radio_flight import Flight, hanging_height, weight_share
 from husky_bringup.run import Run
-from husky_bringup.session import RADIO_LOOK, RADIO_PHASE
 from husky_bringup.system import ParameterValue
 from husky_description.gantry import GantryOptions
-from husky_description.graph import TICK_PERIOD
 from husky_description.robot import Robot
 
 GANTRY = GantryOptions(height=2.6, rope=1.6)
 """Beam and ropes: the unit hangs with its base 0.89 m above the ground, and has 0.6 m of air to
 either side before a rope is taut when it flies 0.3 m higher."""
-_GRAVITY = 9.81
 _FLYING = 0.3
 """Height of flight above hanging [m]."""
 _STEP = math.radians(5.0)
@@ -42,20 +37,6 @@ _TOO_FAR_TIME = 4.0
 _AGAINST_ROPE = 0.5
 
 
-class Flown(Protocol):
-    """What the operator needs of a session."""
-
-    time: float
-    truth: Any
-    fans: Any
-
-    def joystick(self, axes: list[float], buttons: list[int]) -> None:
-        """Move the sticks."""
-
-    def advance(self, duration: float) -> bool:
-        """Let time pass."""
-
-
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Declare the length of the holds and the seed."""
     parser.add_argument("--hold", type=float, default=4.0, help="hovering between passages [s]")
@@ -65,28 +46,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(run: Run) -> None:
     """Attitude within 1.5 deg, worse at a taut rope; battery as its resistance says."""
     options, robot = run.options, run.robot()
-    settings: dict[str, dict[str, ParameterValue]] = {
-        "plant": {
-            "seed": options.seed,
-            "body": "unit",
-            "keyframe": "stand",
-            "gantry": True,
-            "gantry_height": GANTRY.height,
-            "rope_length": GANTRY.rope,
-            "start_height": hanging_height() - standing_height(robot),
-        },
-        "flight_controller": {"seed": options.seed},
-    }
-    with run.session(settings, expected=34.0 + 2 * options.hold, remote=True) as session:
-        flight = Flight(session, Pilot(weight_share(robot)))
-        fly_script(flight, options.hold)
-        run.metrics["trajectory_sha256"] = session.trajectory_sha256
-        run.metrics["failsafe"] = session.propulsion.failsafe if session.propulsion else "silent"
-        disarmed = session.propulsion is not None and not session.propulsion.armed
+    flight, disarmed = fly(run, options.hold, options.seed)
     for name, (start, end) in flight.passages.items():
         run.say(f"{name}: {start:.2f} s to {end:.2f} s")
     recording, passages = run.recording(), flight.passages
-    start, end = passages["armed"][0], passages["spool_down"][1]
+    start, end = flown(flight)
     run.metrics |= attitude_summary(recording, start, end)
     hold = passages["hold"]
     run.metrics |= battery_summary(recording, robot, (start - 2.0, start), (hold[1] - 2.0, hold[1]))
@@ -111,85 +75,46 @@ def run(run: Run) -> None:
     run.illustrate()
 
 
+def fly(run: Run, hold: float, seed: int, label: str = "") -> tuple[Flight, bool]:
+    """Fly the script; return what was flown and whether the unit was disarmed at the end.
+
+    Args:
+        run: that it is part of.
+        hold: hovering between passages [s].
+        seed: of all sensor noise.
+        label: of the session.
+    """
+    robot = run.robot()
+    settings: dict[str, dict[str, ParameterValue]] = {
+        "plant": {
+            "seed": seed,
+            "body": "unit",
+            "keyframe": "stand",
+            "gantry": True,
+            "gantry_height": GANTRY.height,
+            "rope_length": GANTRY.rope,
+            "start_height": hanging_height(GANTRY) - standing_height(robot),
+        },
+        "flight_controller": {"seed": seed},
+    }
+    expected = 34.0 + 2 * hold
+    with run.session(settings, label=label, expected=expected, remote=True) as session:
+        flight = Flight(session, Pilot(weight_share(robot)))
+        fly_script(flight, hold)
+        run.metrics["trajectory_sha256"] = session.trajectory_sha256
+        run.metrics["failsafe"] = session.propulsion.failsafe if session.propulsion else "silent"
+        disarmed = session.propulsion is not None and not session.propulsion.armed
+    return flight, disarmed
+
+
+def flown(flight: Flight) -> tuple[float, float]:
+    """Return from when to when the unit was armed [s]."""
+    return flight.passages["armed"][0], flight.passages["spool_down"][1]
+
+
 def standing_height(robot: Robot) -> float:
     """Return the height of the unit's base above the ground when it stands on it [m]."""
     return robot.fans.height / 2 - robot.fans.z
-
-
-def weight_share(robot: Robot) -> float:
-    """Return the share of full thrust that carries the unit."""
-    return robot.payload_mass * _GRAVITY / (4 * robot.fans.max_thrust)
-
-
-def hanging_height(gantry: GantryOptions = GANTRY) -> float:
-    """Return the height of the base above the ground when it hangs in the ropes [m]."""
-    y, z = gantry.attachment
-    return gantry.height - math.sqrt(gantry.rope**2 - (gantry.span / 2 - y) ** 2) - z
-
-
-class Flight:
-    """An operator and what is flown.
-
-    Attributes:
-        passages: name, start and end [s] of what has been flown.
-    """
-
-    def __init__(self, session: Flown, pilot: Pilot):
-        """Begin."""
-        self.passages: dict[str, tuple[float, float]] = {}
-        self._session = session
-        self.pilot = pilot
-
-    def see(self) -> Sight:
-        """Look at the unit."""
-        odometry = self._session.truth
-        if odometry is None:
-            return Sight(self.pilot.place, np.zeros(3), 0.0)
-        p, q = odometry.pose.pose.position, odometry.pose.pose.orientation
-        v = odometry.twist.twist.linear
-        turn = Rotation.from_quat((q.x, q.y, q.z, q.w))
-        yaw = turn.as_euler("ZYX")[0]
-        return Sight(np.array((p.x, p.y, p.z)), turn.apply((v.x, v.y, v.z)), float(yaw))
-
-    def fly(
-        self,
-        duration: float,
-        wish: Wish | Callable[[float], Wish] | None = None,
-        *,
-        name: str = "",
-        until: Callable[[], bool] | None = None,
-    ) -> None:
-        """Fly for a while [s], or until something is seen.
-
-        Args:
-            duration: at most so long [s].
-            wish: what is wanted, or a function of the time since now [s]; by default to hover.
-            name: of the passage.
-            until: ends it.
-        """
-        self._wait_for_radio()
-        start = self._session.time
-        while (past := self._session.time - start) < duration - 1e-6:
-            now = wish(past) if callable(wish) else wish or Wish()
-            self.pilot.move(self.see(), now, RADIO_LOOK)
-            self._session.joystick(*self.pilot.joy())
-            self._session.advance(RADIO_LOOK)
-            if until is not None and until():
-                break
-        if name:
-            self.passages[name] = (start, self._session.time)
-
-    def _wait_for_radio(self) -> None:
-        """Let time pass until sticks act at the same tick in every run."""
-        now, look, phase = (
-            round(time / TICK_PERIOD) for time in (self._session.time, RADIO_LOOK, RADIO_PHASE)
-        )
-        if ticks := (phase - now) % look:
-            self._session.advance(ticks * TICK_PERIOD)
-
-    def rope_taut(self) -> bool:
-        """Return whether a rope is seen to be taut."""
-        return self._session.fans is not None and any(self._session.fans.rope_taut)
 
 
 def fly_script(flight: Flight, hold: float) -> None:
@@ -200,7 +125,7 @@ def fly_script(flight: Flight, hold: float) -> None:
         hold: hovering between passages [s].
     """
     pilot, none = flight.pilot, Wish(roll=0.0, pitch=0.0, throttle=0.0)
-    hanging = hanging_height()
+    hanging = hanging_height(GANTRY)
     pilot.place = np.array((0.0, 0.0, hanging + _FLYING))
     flight.fly(3.0, none, name="before")
     pilot.armed = True

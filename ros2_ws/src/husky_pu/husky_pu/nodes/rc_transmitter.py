@@ -16,7 +16,7 @@ from husky_description import graph
 from husky_description.nodes import diagnostics, qos, stamps
 from husky_description.nodes.parameters import declare
 from husky_description.nodes.run import run
-from husky_pu.rc_mapping import FrameSchedule, JoyLayout, RcMapping
+from husky_pu.rc_mapping import FrameSchedule, JoyLayout, JoyQueue, RcMapping
 from husky_pu.sbus import encode
 from husky_pu.sbus_line import SbusLine
 
@@ -81,9 +81,10 @@ class RcTransmitter(Node):
         self._schedule = FrameSchedule(period_ns, clock_period_ns if source == "lockstep" else 0)
         self._period_ns = period_ns
         self._now = 0.0
+        self._waiting = JoyQueue() if source == "lockstep" else None
         self._line = SbusLine(port)
         self._reported = (0, 0)
-        # Joysticks before the clock: what was sent before a time counts at that time.
+        # Joysticks before the clock: what was sent before a time is here at that time.
         self.hot: Sequence[Subscription] = [
             self.create_subscription(Joy, graph.JOY, self._on_joy, qos.COMMAND)
         ]
@@ -96,7 +97,14 @@ class RcTransmitter(Node):
         self._diagnostics = diagnostics.Diagnostics(self, "SBUS transmitter", self._report)
 
     def _on_joy(self, joy: Joy) -> None:
-        if not self._mapping.joy(joy.axes, joy.buttons, self._now):
+        if self._waiting is None:
+            self._move(joy.axes, joy.buttons)
+        else:
+            stamp = 1e-9 * stamps.to_ns(joy.header.stamp)
+            self._waiting.push(stamp, joy.axes, joy.buttons, self._now)
+
+    def _move(self, axes: Sequence[float], buttons: Sequence[int]) -> None:
+        if not self._mapping.joy(axes, buttons, self._now):
             self.get_logger().warning(
                 f"joystick message refused: {self._mapping.refusal}", throttle_duration_sec=1.0
             )
@@ -107,6 +115,11 @@ class RcTransmitter(Node):
         self._now = 1e-9 * now_ns
         if back:
             self._mapping.restart(self._now)
+        if self._waiting is not None:
+            if back:
+                self._waiting.clear()
+            for axes, buttons in self._waiting.due(self._now):
+                self._move(axes, buttons)
         for number in frames:
             self._send(max(self._now, 1e-9 * self._period_ns * number))
 
