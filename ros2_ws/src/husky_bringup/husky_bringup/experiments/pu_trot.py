@@ -8,15 +8,7 @@ import numpy as np
 
 from husky_bringup import metrics
 from husky_bringup.run import Run
-from husky_bringup.scripts import (
-    assist,
-    finish,
-    ready_fans,
-    release_fans,
-    stand_up,
-    stop_walking,
-    walk,
-)
+from husky_bringup.scripts import finish_assisted, stand_assisted, stop_walking, walk
 from husky_control.gait import GAITS
 
 _ROPE = 2.4
@@ -47,10 +39,7 @@ def run(run: Run) -> None:
     }
     expected = options.bursts * (options.burst + options.pause + 2.0) + 20.0
     with run.session(settings, expected=expected) as session:
-        stand_up(session)
-        ready_fans(session)
-        assist(session, options.thrust)
-        session.set_gait("trot")
+        stand_assisted(session, options.thrust)
         for _ in range(options.bursts):
             start = session.time
             session.advance(options.pause)
@@ -61,10 +50,7 @@ def run(run: Run) -> None:
             if metrics.has_fallen(session.truth):
                 break
             stop_walking(session)
-        fallen = metrics.has_fallen(session.truth)
-        if not fallen:
-            release_fans(session)
-        falls = finish(session)
+        falls = finish_assisted(session)
         run.metrics["trajectory_sha256"] = session.trajectory_sha256
     recording, robot = run.recording(), run.robot()
     for index, (start, end) in enumerate(bursts, 1):
