@@ -4,28 +4,24 @@ Two ground stations that share no code with this project: MAVSDK (C++) and MAVPr
 own connection). `pip install mavsdk` brings no other package; MAVProxy brings a dozen.
 """
 
+import contextlib
 import importlib.util
-import os
 import re
-import socket
 import subprocess
 import sys
-import threading
-import time
 
+import numpy as np
 import pytest
+from flight_bench import VOLTAGE, RunningFlightBench, free_port
+from node_bench import environment, every, values_of
 
-pytest.importorskip("rclpy")
-
-import rclpy
-from rclpy.context import Context
-from rclpy.node import Node
-
-from husky_description import graph
-from husky_description.nodes import qos, stamps
-from husky_msgs.msg import FlightSensors
+from husky_description.robot import load_robot
+from husky_pu.flight_parameters import TABLE
+from husky_pu.mixer import Mixer
 
 pytestmark = pytest.mark.graph
+
+MIXER = Mixer(load_robot())
 
 
 def needs(package):
@@ -34,131 +30,128 @@ def needs(package):
     )
 
 
-class StandingWorld(threading.Thread):
-    """The sensors of a vehicle that stands still, at about 500 Hz."""
-
-    def __init__(self, domain):
-        super().__init__(daemon=True)
-        self.context = Context()
-        rclpy.init(context=self.context, domain_id=domain)
-        self.node = Node("world", context=self.context)
-        self.publisher = self.node.create_publisher(
-            FlightSensors, graph.FLIGHT_SENSORS, qos.CONTROL
-        )
-        self.running = True
-
-    def run(self):
-        message = FlightSensors(
-            angular_velocity=[0.0, 0.0, 0.0],
-            specific_force=[0.0, 0.0, -9.81],
-            magnetic_field=[0.2, 0.0, 0.4],
-            pressure=101325.0,
-            battery_voltage=24.5,
-            battery_current=1.0,
-        )
-        start, tick = time.monotonic(), 0
-        while self.running:
-            tick += 1
-            stamps.fill(message.stamp, tick * graph.TICK_PERIOD_NS)
-            self.publisher.publish(message)
-            time.sleep(max(0.0, start + tick * graph.TICK_PERIOD - time.monotonic()))
-
-    def close(self):
-        self.running = False
-        self.join()
-        self.node.destroy_node()
-        rclpy.shutdown(context=self.context)
-
-
 @pytest.fixture
-def udp_port(tmp_path):
-    """A flight controller that runs; the port where it listens."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    domain = 1 + os.getpid() % 100
-    environment = dict(os.environ)
-    environment["ROS_DOMAIN_ID"] = str(domain)
-    environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    environment["PYTHONPATH"] = os.pathsep.join(path for path in sys.path if path)
-    settings = {
-        "time": "realtime",
-        "udp_port": port,
-        "serial_port": tmp_path / "pixhawk",
-        "sbus_port": tmp_path / "sbus",
-    }
-    words = [word for item in settings.items() for word in ("-p", "{}:={}".format(*item))]
-    process = subprocess.Popen(
-        [sys.executable, "-m", "husky_pu.nodes.flight_controller", "--ros-args", *words],
-        env=environment,
-    )
-    world = StandingWorld(domain)
-    world.start()
-    yield port
-    assert process.poll() is None, "the flight controller has ended"
-    process.kill()
-    process.wait()
-    world.close()
+def bench(domain, tmp_path):
+    made = RunningFlightBench(domain, tmp_path)
+    yield made
+    made.close()
 
 
-def wait(condition, what):
-    end = time.monotonic() + 60.0
-    while not condition():
-        assert time.monotonic() < end, f"waited in vain: {what}"
-        time.sleep(0.1)
+class Pilot:
+    """Flies OFFBOARD through MAVSDK."""
+
+    def __init__(self, bench, system):
+        from mavsdk.plugins.action import Action
+        from mavsdk.plugins.offboard import Offboard
+        from mavsdk.plugins.telemetry import Telemetry
+
+        self.bench = bench
+        self.action, self.offboard = Action(system), Offboard(system)
+        self.telemetry = Telemetry(system)
+
+    def thrust(self, share):
+        """Hold it level from now on, at 20 Hz."""
+        from mavsdk.plugins.offboard import Attitude
+
+        self.offboard.set_attitude(Attitude(0.0, 0.0, 0.0, share))
+
+    def fly(self, share):
+        """Arm, give a share of all thrust, and go on for a second."""
+        bench = self.bench
+        self.thrust(0.0)
+        bench.wait_for_report(lambda r: int(values_of(r)["setpoints"]) > 5, "a stream")
+        self.offboard.start()
+        bench.wait_for_report(lambda r: values_of(r)["mode"] == "OFFBOARD", "OFFBOARD")
+        self.action.arm()
+        bench.wait(self.telemetry.armed, "armed")
+        self.thrust(share)
+        pulses = MIXER.pulses([(share - 0.01) * MIXER.max_thrust] * 4, VOLTAGE)
+        bench.wait(lambda: np.mean(bench.commands[-1].pwm) > np.mean(pulses), "thrust")
+        bench.advance(1.0)
+        assert self.offboard.is_active()
+        assert self.telemetry.armed()
+
+    def has_ended(self):
+        """Check that it is disarmed, and that nothing was wrong on the way."""
+        bench = self.bench
+        bench.wait(lambda: not self.telemetry.armed(), "disarmed, as told")
+        values = bench.wait_for_report(lambda r: values_of(r)["armed"] == "False", "disarmed")
+        assert (values["setpoints_refused"], values["frames_damaged"]) == ("0", "0")
+
+
+@contextlib.contextmanager
+def mavsdk_client(component, connection):
+    """A client of MAVSDK 4 or later, of a kind, at a connection, and the autopilot it sees."""
+    from mavsdk import ComponentType, Configuration, Mavsdk
+
+    kind = ComponentType[component]
+    with Mavsdk(Configuration.create_with_component_type(kind)) as client:
+        client.add_any_connection(connection)
+
+        def first_autopilot():
+            system = client.first_autopilot(60.0)
+            assert system is not None
+            return system
+
+        yield first_autopilot
 
 
 @needs("mavsdk")
-def test_mavsdk(udp_port):
-    from mavsdk import ComponentType, Configuration, Mavsdk
-    from mavsdk.plugins.action import Action
-    from mavsdk.plugins.offboard import Attitude, Offboard
+def test_mavsdk_as_a_ground_station(bench):
+    from mavsdk.plugins.action import ActionError
+    from mavsdk.plugins.offboard import OffboardError
     from mavsdk.plugins.param import Param
-    from mavsdk.plugins.telemetry import Telemetry
 
-    configuration = Configuration.create_with_component_type(ComponentType.GROUND_STATION)
-    with Mavsdk(configuration) as mavsdk:
-        mavsdk.add_any_connection(f"udpout://127.0.0.1:{udp_port}")
-        system = mavsdk.first_autopilot(60.0)
-        assert system is not None
-        parameters, action = Param(system), Action(system)
-        offboard, telemetry = Offboard(system), Telemetry(system)
-
+    with mavsdk_client("GROUND_STATION", f"udpout://127.0.0.1:{bench.udp_port}") as autopilot:
+        system = autopilot()
+        parameters, pilot = Param(system), Pilot(bench, system)
         listed = parameters.get_all_params()
         names = {p.name for p in (*listed.int_params, *listed.float_params)}
         assert {"COM_OF_LOSS_T", "MC_ROLLRATE_P", "BAT1_N_CELLS"} <= names
+        assert len(names) == len(listed.int_params) + len(listed.float_params) == len(TABLE)
         assert parameters.get_param_float("COM_OF_LOSS_T") == pytest.approx(1.0)
         assert parameters.get_param_int("BAT1_N_CELLS") == 6
+        parameters.set_param_int("NAV_RCL_ACT", 6)
+        assert parameters.get_param_int("NAV_RCL_ACT") == 6
 
-        with pytest.raises(Exception, match="DENIED"):
-            action.arm()  # neither a radio nor a stream of setpoints
-        offboard.set_attitude(Attitude(0.0, 0.0, 0.0, 0.0))  # from now on at 20 Hz
-        time.sleep(1.0)
-        offboard.start()
-        action.arm()
-        wait(telemetry.armed, "armed")
-        offboard.set_attitude(Attitude(0.0, 0.0, 0.0, 0.25))
-        time.sleep(1.0)
-        assert offboard.is_active()
-        assert telemetry.armed()
-        assert telemetry.battery().voltage_v == pytest.approx(24.5, abs=0.3)
-        q = telemetry.attitude_quaternion()
-        assert abs(q.w) == pytest.approx(1.0, abs=0.05)  # level, facing north
-        action.kill()
-        wait(lambda: not telemetry.armed(), "disarmed")
+        bench.advance(1.0)  # at rest: it may be armed as far as its sensors go
+        with pytest.raises(ActionError, match="DENIED"):
+            pilot.action.arm()  # neither a radio nor a stream of setpoints
+        with pytest.raises(OffboardError):
+            pilot.offboard.start()  # no setpoint
+        pilot.fly(0.25)
+        telemetry = pilot.telemetry
+        assert telemetry.battery().voltage_v == pytest.approx(VOLTAGE, abs=0.3)
+        assert abs(telemetry.attitude_quaternion().w) == pytest.approx(1.0, abs=0.05)  # level
+        pilot.action.kill()
+        pilot.has_ended()
+
+
+@needs("mavsdk")
+def test_mavsdk_as_a_companion_that_is_spoken_to_first(domain, tmp_path):
+    number = free_port()
+    with mavsdk_client("COMPANION_COMPUTER", f"udpin://127.0.0.1:{number}") as autopilot:
+        bench = RunningFlightBench(domain, tmp_path, ground_station=f"127.0.0.1:{number}")
+        try:
+            pilot = Pilot(bench, autopilot())
+            bench.advance(1.0)
+            pilot.fly(0.3)
+            pilot.action.disarm()
+            pilot.has_ended()
+        finally:
+            bench.close()
 
 
 @needs("MAVProxy")
-def test_mavproxy(udp_port, tmp_path):
-    command = [sys.executable, "-m", "MAVProxy.mavproxy", f"--master=udpout:127.0.0.1:{udp_port}"]
+def test_mavproxy(bench, tmp_path):
+    address = f"udpout:127.0.0.1:{bench.udp_port}"
+    command = [sys.executable, "-m", "MAVProxy.mavproxy", f"--master={address}"]
     command += [f"--state-basedir={tmp_path}", "--default-modules=param,arm,mode,cmdlong"]
-    environment = dict(os.environ)
-    environment["PYTHONPATH"] = os.pathsep.join(path for path in sys.path if path)
     log = tmp_path / "log"
     with log.open("w") as output:
         process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=output, stderr=output, text=True,
-            cwd=tmp_path, env=environment,
+            cwd=tmp_path, env=environment(),
         )  # fmt: skip
 
         def say(text):
@@ -170,26 +163,23 @@ def test_mavproxy(udp_port, tmp_path):
 
         def stream(thrust, until, what):
             """Send setpoints at about 10 Hz until something is true."""
+            bench.wait(until, what, every(0.1, lambda: say(f"attitude 1 0 0 0 {thrust}")))
 
-            def sent():
-                say(f"attitude 1 0 0 0 {thrust}")
-                return until()
-
-            wait(sent, what)
+        def later(seconds):
+            end = bench.time_ns + round(1e9 * seconds)
+            return lambda: bench.time_ns > end
 
         try:
-            wait(lambda: heard(r"Received \d\d+ parameters"), "parameters")
+            bench.wait(lambda: heard(r"Received \d\d+ parameters"), "parameters")
             say("param show COM_OF_LOSS_T")
-            wait(lambda: heard(r"COM_OF_LOSS_T +1\.0"), "a parameter")
-            end = time.monotonic() + 1.5
-            stream(0, lambda: time.monotonic() > end, "a stream")
+            bench.wait(lambda: heard(r"COM_OF_LOSS_T +1\.0"), "a parameter")
+            stream(0, later(1.5), "a stream")
             say("long DO_SET_MODE 1 6")
             stream(0, lambda: heard("Mode OFFBOARD"), "OFFBOARD")
             # By force, PX4's way; `arm throttle force` says ArduPilot's number.
             say("long COMPONENT_ARM_DISARM 1 21196")
             stream(0, lambda: heard("AP: Armed"), "armed")
-            end = time.monotonic() + 1.0
-            stream(0.25, lambda: time.monotonic() > end, "thrust")
+            stream(0.25, later(1.0), "thrust")
             say("status SERVO_OUTPUT_RAW")
             stream(0.25, lambda: heard(r"SERVO_OUTPUT_RAW \{"), "pulses")
             pulses = heard(r"servo1_raw : (\d+)")

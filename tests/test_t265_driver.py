@@ -1,11 +1,7 @@
 """The process `t265_driver` against the simulated device on a pseudo-terminal."""
 
 import importlib.util
-import os
 import signal
-import subprocess
-import sys
-import threading
 import time
 
 import numpy as np
@@ -13,19 +9,14 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-import rclpy
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticStatus
 from lifecycle_msgs.msg import State, Transition
-from lifecycle_msgs.srv import ChangeState, GetState
 from nav_msgs.msg import Odometry
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
+from node_bench import DeviceBench, assert_refused
 from scipy.spatial.transform import Rotation
 
 from husky_description import graph
 from husky_description.nodes import qos, stamps
-from husky_description.pty_port import PtyPort
 from husky_description.robot import load_robot
 from husky_drivers.t265_frames import base_pose
 from husky_sim.t265_device import T265Device
@@ -36,127 +27,38 @@ PERIOD_NS = 5_000_000
 FIGURES = load_robot().t265
 HEADING = Rotation.from_euler("z", 0.7)
 SPEED = 0.5
+VELOCITY = HEADING.apply([SPEED, 0.0, 0.0])
+MODULE = "husky_drivers.nodes.t265_driver"
 
 
-class World(threading.Thread):
-    """Walks straight on at 0.5 m/s along a heading of 0.7 rad, at about its own pace."""
+class Bench(DeviceBench):
+    """A camera that walks straight on at 0.5 m/s along a heading of 0.7 rad, and its driver."""
 
-    def __init__(self, port):
-        super().__init__(daemon=True)
-        self.device = T265Device(FIGURES, 5)
-        self.port = port
-        self.lock = threading.Lock()
-        self.running = True
-
-    def run(self):
-        tick = 0
-        velocity = HEADING.apply([SPEED, 0.0, 0.0])
-        attitude = HEADING.as_quat()
-        while self.running:
-            position = velocity * tick * PERIOD_NS * 1e-9
-            with self.lock:
-                self.device.sample(tick * PERIOD_NS, position, attitude, velocity, (0.0, 0.0, 0.0))
-                self.port.service(self.device)
-            tick += 1
-            time.sleep(0.005)
-
-
-class Bench:
-    """Device, driver process and a listening node, in a ROS domain of their own."""
-
-    def __init__(self, directory, topic=graph.T265_ODOMETRY, **parameters):
-        self.domain = int(os.environ.get("ROS_DOMAIN_ID") or 1 + os.getpid() % 100)
-        self.port = PtyPort(directory / "t265")
-        self.world = World(self.port)
-        self.world.start()
-        self.context = Context()
-        rclpy.init(context=self.context, domain_id=self.domain)
-        self.node = Node("listener", context=self.context)
-        self.executor = SingleThreadedExecutor(context=self.context)
-        self.executor.add_node(self.node)
+    def __init__(self, domain, directory, topic=graph.T265_ODOMETRY, **parameters):
+        self.camera = T265Device(FIGURES, 5)
+        super().__init__(domain, directory, MODULE, 0.005, self._tick)
         self.samples = []
-        self.reports = []
         self.node.create_subscription(Odometry, topic, self.samples.append, qos.CONTROL)
-        self.node.create_subscription(
-            DiagnosticArray,
-            graph.DIAGNOSTICS,
-            lambda message: self.reports.append(message.status[0]),
-            qos.STATUS,
-        )
-        self.process = self.start(port=str(self.port.path), topic=topic, **parameters)
+        self.start(port=self.port.path, topic=topic, **parameters)
 
-    def start(self, **parameters):
-        settings = [word for item in parameters.items() for word in ("-p", "{}:={}".format(*item))]
-        environment = dict(os.environ)
-        environment["ROS_DOMAIN_ID"] = str(self.domain)
-        environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-        environment["PYTHONPATH"] = os.pathsep.join(path for path in sys.path if path)
-        return subprocess.Popen(
-            [sys.executable, "-m", "husky_drivers.nodes.t265_driver", "--ros-args", *settings],
-            env=environment,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-
-    def wait(self, condition, what):
-        """Spin until something is true, as long as it takes on a slow machine."""
-        end = time.monotonic() + 60.0
-        while not condition():
-            assert time.monotonic() < end, (
-                f"waited in vain: {what}; last report {self.reports[-1:]}"
-            )
-            assert self.process.poll() is None, self.process.communicate()[1]
-            self.executor.spin_once(timeout_sec=0.1)
+    def _tick(self, number):
+        time_ns = number * PERIOD_NS
+        position = 1e-9 * time_ns * VELOCITY
+        self.camera.sample(time_ns, position, HEADING.as_quat(), VELOCITY, (0.0, 0.0, 0.0))
+        self.port.service(self.camera)
 
     def wait_for_samples(self, count=50):
         self.samples.clear()
         self.wait(lambda: len(self.samples) >= count, f"{count} samples")
 
-    def wait_for_report(self, condition, what):
-        self.reports.clear()
-        self.wait(lambda: self.reports and condition(self.reports[-1]), what)
-        return {pair.key: pair.value for pair in self.reports[-1].values}
-
     def inject(self, fault, intensity=None):
-        with self.world.lock:
-            self.world.device.inject(fault, intensity)
-
-    def call(self, service_type, name, request):
-        client = self.node.create_client(service_type, f"/{graph.T265_DRIVER}/{name}")
-        self.wait(client.service_is_ready, f"service {name}")
-        future = client.call_async(request)
-        self.wait(future.done, f"answer of {name}")
-        return future.result()
-
-    def change_state(self, transition):
-        request = ChangeState.Request(transition=Transition(id=transition))
-        return self.call(ChangeState, "change_state", request).success
-
-    def lifecycle_state(self):
-        return self.call(GetState, "get_state", GetState.Request()).current_state.id
-
-    def end(self, number=signal.SIGTERM):
-        """Return the exit code."""
-        self.process.send_signal(number)
-        try:
-            return self.process.wait(30.0)
-        finally:
-            self.process.kill()
-
-    def close(self):
-        self.process.kill()
-        self.process.communicate()
-        self.world.running = False
-        self.world.join()
-        self.port.close()
-        self.executor.shutdown()
-        self.node.destroy_node()
-        rclpy.shutdown(context=self.context)
+        with self.held():
+            self.camera.inject(fault, intensity)
 
 
 @pytest.fixture
-def bench(tmp_path, request):
-    bench = Bench(tmp_path, **getattr(request, "param", {}))
+def bench(domain, tmp_path, request):
+    bench = Bench(domain, tmp_path, **getattr(request, "param", {}))
     yield bench
     bench.close()
 
@@ -202,10 +104,10 @@ def test_odometry_in_ros_axes_stamped_by_the_device(bench):
 
 def test_faults_of_line_and_device_are_reported_and_survived(bench):
     bench.wait_for_samples()
-    with bench.world.lock:
+    with bench.held():
         bench.port.unplug()
     bench.wait_for_report(lambda s: s.level == DiagnosticStatus.ERROR, "a report of the lost port")
-    with bench.world.lock:
+    with bench.held():
         bench.port.replug()
     bench.wait_for_samples()
     bench.inject("freeze")
@@ -230,7 +132,7 @@ def test_a_deactivated_driver_gives_the_port_back(bench):
     assert bench.lifecycle_state() == State.PRIMARY_STATE_INACTIVE
     assert bench.change_state(Transition.TRANSITION_ACTIVATE)
     bench.wait_for_samples()
-    assert bench.end(signal.SIGINT) == 0
+    bench.end(signal.SIGINT)
 
 
 @pytest.mark.parametrize(
@@ -244,7 +146,7 @@ def test_as_intels_wrapper_with_the_hosts_clock(bench):
     assert np.diff(times).min() > 0
     assert abs(times[-1] - time.time_ns()) < 30 * 10**9
     assert bench.samples[0].header.frame_id == "camera_odom_frame"
-    assert bench.end() == 0
+    bench.end()
 
 
 @pytest.mark.parametrize("bench", [{"backend": "realsense", "serial_number": "'1'"}], indirect=True)
@@ -257,18 +159,13 @@ def test_a_camera_that_cannot_be_used_here_is_no_crash(bench):
     assert bench.lifecycle_state() == State.PRIMARY_STATE_UNCONFIGURED
     assert not bench.change_state(Transition.TRANSITION_CONFIGURE)
     assert bench.lifecycle_state() == State.PRIMARY_STATE_UNCONFIGURED
-    assert bench.end() == 0
+    bench.end()
 
 
-def test_bad_parameters_end_it_with_a_sentence(bench):
-    bench.process.kill()
-    bench.process.communicate()
+def test_bad_parameters_end_it_with_a_sentence(domain):
     for parameters, words in (
         ({"backend": "zed"}, "parameter backend is 'zed', it must be one of sim, realsense"),
         ({"clock": "sundial"}, "parameter clock is 'sundial', it must be one of device, host"),
         ({"jump_limit": 0.0}, "jump_limit"),
     ):
-        bench.process = bench.start(**parameters)
-        _, errors = bench.process.communicate(timeout=60.0)
-        assert bench.process.returncode == 1
-        assert words in errors
+        assert_refused(MODULE, words, **parameters)

@@ -3,11 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-import fcntl
-import os
-import zlib
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -36,39 +32,13 @@ _SETTINGS = {
     graph.DRIVE_BRIDGE: {"grace": GRACE},
     graph.LOW_LEVEL_CONTROLLER: {"grace": GRACE, "stand.duration": 1.0, "stand.joint_speed": 3.0},
 }
-_DOMAINS = range(20, 100)
-
 
 NewGraph = Callable[..., contextlib.AbstractContextManager["Robot"]]
 
 
 @pytest.fixture(scope="module", autouse=True)
-def domain(request: pytest.FixtureRequest) -> Iterator[int]:
-    """A ROS domain of the module's own: the same each time, unless somebody else is in it."""
-    worker = os.environ.get("PYTEST_XDIST_WORKER", "")
-    first = zlib.crc32(f"{worker}{request.node.nodeid}".encode()) % len(_DOMAINS)
-    before = os.environ.get("ROS_DOMAIN_ID")
-    for offset in range(len(_DOMAINS)):
-        number = _DOMAINS[(first + offset) % len(_DOMAINS)]
-        directory = Path(graph.serial_port("tests", number)).parent
-        directory.mkdir(parents=True, exist_ok=True)
-        locks = [(directory / name).open("a") for name in ("tests.lock", "vn200.lock")]
-        try:
-            for lock in locks:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            for lock in locks:
-                lock.close()
-            continue
-        locks[1].close()  # the plant's
-        os.environ["ROS_DOMAIN_ID"] = str(number)
-        yield number
-        locks[0].close()
-        os.environ.pop("ROS_DOMAIN_ID")
-        if before is not None:
-            os.environ["ROS_DOMAIN_ID"] = before
-        return
-    pytest.fail(f"ROS domains {_DOMAINS} are all in use")
+def in_own_domain(domain: int) -> None:
+    """Whatever a module of these tests starts is in its own domain."""
 
 
 class Tap:

@@ -11,17 +11,14 @@ from husky_bringup.figure_style import (
     DESIRED,
     ESTIMATE,
     LEG_COLOURS,
-    TIME,
     TRUTH,
-    frame,
+    finish,
+    frame_rows,
     label,
+    label_rows,
     leg_entries,
-    legend,
     line,
     make_figure,
-    modes_of,
-    save,
-    span_of,
 )
 from husky_bringup.recording import Recording
 from husky_description import graph
@@ -32,7 +29,6 @@ def body(recording: Recording, robot: Robot, directory: Path) -> Path:
     """Position and velocity of the base: truth, estimate, desired."""
     base = recording.base
     figure, axes = make_figure(3, 2, "Body: position and velocity", sharex=True)
-    span, modes = span_of(recording), modes_of(recording)
     velocity = measures.in_heading(base.velocity, base.rpy[:, 2])
     for row in range(3):
         line(axes[row, 0], base.time, base.position[:, row], TRUTH, linewidth=1.6)
@@ -52,38 +48,32 @@ def body(recording: Recording, robot: Robot, directory: Path) -> Path:
             line(axes[row, 0], states.time, desired[:, row], DESIRED, linestyle="--")
         for row in range(2):
             line(axes[row, 1], states.time, commanded[:, row], DESIRED, linestyle="--")
-    for row, (place, speed) in enumerate(zip("xyz", ("forward", "left", "up"), strict=True)):
-        for axis in axes[row]:
-            frame(axis, span, modes, names=row == 0)
-        last = TIME if row == 2 else ""
-        label(axes[row, 0], f"{place} [m]", last, "" if row else "base in world")
-        label(axes[row, 1], f"{speed} [m/s]", last, "" if row else "velocity along the heading")
-    legend(
-        figure,
-        [
-            ("truth", {"color": TRUTH}),
-            ("estimate", {"color": ESTIMATE}),
-            ("desired", {"color": DESIRED, "linestyle": "--"}),
-        ],
-    )
-    return save(figure, directory, "body")
+    for column in axes.T:
+        frame_rows(recording, column)
+    label_rows(axes[:, 0], ("x [m]", "y [m]", "z [m]"), "base in world")
+    speeds = ("forward [m/s]", "left [m/s]", "up [m/s]")
+    label_rows(axes[:, 1], speeds, "velocity along the heading")
+    entries = [
+        ("truth", {"color": TRUTH}),
+        ("estimate", {"color": ESTIMATE}),
+        ("desired", {"color": DESIRED, "linestyle": "--"}),
+    ]
+    return finish(figure, entries, directory, "body")
 
 
 def attitude(recording: Recording, robot: Robot, directory: Path) -> Path:
     """Roll, pitch and yaw: truth and estimate."""
     base = recording.base
     figure, axes = make_figure(3, 1, "Attitude of the base", sharex=True)
-    span, modes = span_of(recording), modes_of(recording)
-    for row, name in enumerate(("roll", "pitch", "yaw")):
-        axis = axes[row, 0]
+    for row, axis in enumerate(axes[:, 0]):
         line(axis, base.time, np.degrees(base.rpy[:, row]), TRUTH, linewidth=1.3)
         if recording.has(graph.ODOMETRY):
             estimate = recording.estimate
             line(axis, estimate.time, np.degrees(estimate.rpy[:, row]), ESTIMATE, linewidth=0.9)
-        frame(axis, span, modes, names=row == 0)
-        label(axis, f"{name} [deg]", TIME if row == 2 else "", "" if row else " ")
-    legend(figure, [("truth", {"color": TRUTH}), ("estimate", {"color": ESTIMATE})])
-    return save(figure, directory, "attitude")
+    frame_rows(recording, axes[:, 0])
+    label_rows(axes[:, 0], ("roll [deg]", "pitch [deg]", "yaw [deg]"))
+    entries = [("truth", {"color": TRUTH}), ("estimate", {"color": ESTIMATE})]
+    return finish(figure, entries, directory, "attitude")
 
 
 def path(recording: Recording, robot: Robot, directory: Path) -> Path:
@@ -101,11 +91,5 @@ def path(recording: Recording, robot: Robot, directory: Path) -> Path:
     axis.set_aspect("equal", adjustable="datalim")
     label(axis, "y [m]", "x [m]")
     spot = {"linestyle": "", "marker": "o", "markersize": 5}
-    legend(
-        figure,
-        [
-            *((f"{name} lands", look) for name, look in leg_entries(robot.legs, **spot)),
-            ("base", {"color": TRUTH}),
-        ],
-    )
-    return save(figure, directory, "path")
+    landings = [(f"{name} lands", look) for name, look in leg_entries(robot.legs, **spot)]
+    return finish(figure, [*landings, ("base", {"color": TRUTH})], directory, "path")

@@ -14,10 +14,10 @@ from husky_bringup.figure_style import (
     TRUTH,
     close_look,
     each_leg,
+    finish,
     frame,
     label,
     leg_entries,
-    legend,
     line,
     make_figure,
     modes_of,
@@ -57,14 +57,9 @@ def contact_forces(recording: Recording, robot: Robot, directory: Path) -> Path:
                 x=TIME if leg == 3 else "",
                 title=PARTS[column] if leg == 0 else "",
             )
-    legend(
-        figure,
-        [
-            *((f"{name}, vertical", look) for name, look in leg_entries(robot.legs)),
-            ("horizontal", {"color": TRUTH}),
-        ],
-    )
-    return save(figure, directory, "contact_forces")
+    vertical_entries = [(f"{name}, vertical", look) for name, look in leg_entries(robot.legs)]
+    entries = [*vertical_entries, ("horizontal", {"color": TRUTH})]
+    return finish(figure, entries, directory, "contact_forces")
 
 
 def gait(recording: Recording, robot: Robot, directory: Path) -> Path:

@@ -14,14 +14,13 @@ from husky_bringup.figure_style import (
     TIME,
     close_look,
     each_leg,
+    finish,
     frame,
     label,
     leg_entries,
-    legend,
     line,
     make_figure,
     modes_of,
-    save,
     span_of,
 )
 from husky_bringup.recording import Recording
@@ -80,14 +79,9 @@ def _joint_angles(recording: Recording, robot: Robot, directory: Path, *, close:
                 x=TIME if group == 2 else "",
                 title=words if group == 0 else "",
             )
-    legend(
-        figure,
-        [
-            *leg_entries(robot.legs),
-            ("desired", {"color": "black", "linestyle": _DASHED if close else "-"}),
-        ],
-    )
-    return save(figure, directory, "joint_angles_close" if close else "joint_angles")
+    look = {"color": "black", "linestyle": _DASHED if close else "-"}
+    entries = [*leg_entries(robot.legs), ("desired", look)]
+    return finish(figure, entries, directory, "joint_angles_close" if close else "joint_angles")
 
 
 def tracking(recording: Recording, robot: Robot, directory: Path) -> Path:
@@ -164,8 +158,7 @@ def _by_group(
             fontsize=8,
             bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 1.5},
         )
-    legend(figure, leg_entries(robot.legs))
-    return save(figure, path.parent, path.stem)
+    return finish(figure, leg_entries(robot.legs), path.parent, path.stem)
 
 
 def _limits(axis: Axes, limits: dict[str, float], named: bool) -> None:

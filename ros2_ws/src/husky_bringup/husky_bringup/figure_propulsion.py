@@ -2,27 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from numpy.typing import NDArray
 
 from husky_bringup.figure_style import (
     DESIRED,
     ESTIMATE,
     LEG_COLOURS,
-    TIME,
     TRUTH,
-    frame,
-    label,
+    finish,
+    frame_rows,
+    label_rows,
     leg_entries,
-    legend,
     line,
     make_figure,
-    modes_of,
-    save,
-    span_of,
 )
 from husky_bringup.propulsion_metrics import (
     Span,
@@ -63,10 +61,8 @@ def battery(recording: Recording, robot: Robot, directory: Path) -> Path:
             (name, {"color": DESIRED, "linestyle": "--"}),
         ]
     _frame(recording, axes[:, 0])
-    label(voltage, "voltage [V]", "", " ")
-    label(current, "current [A]", TIME)
-    legend(figure, entries)
-    return save(figure, directory, "battery")
+    label_rows(axes[:, 0], ("voltage [V]", "current [A]"))
+    return finish(figure, entries, directory, "battery")
 
 
 def unit_attitude(recording: Recording, robot: Robot, directory: Path) -> Path:
@@ -77,24 +73,20 @@ def unit_attitude(recording: Recording, robot: Robot, directory: Path) -> Path:
     held = flying(state)[:, None]
     desired = np.degrees(np.where(held, state.rpy_desired, np.nan))
     measured, true = np.degrees(state.rpy), np.degrees(base.rpy)
-    for row, name in enumerate(("roll", "pitch", "yaw")):
-        axis = axes[row, 0]
+    for row, axis in enumerate(axes[:, 0]):
         line(axis, base.time, true[:, row], TRUTH, linewidth=1.5)
         line(axis, state.time, measured[:, row], ESTIMATE)
         axis.plot(state.time, desired[:, row], color=DESIRED, linewidth=1.1, linestyle="--")
         _frame_y(axis, base.time, true[:, row], state.time[held[:, 0]])
-        label(axis, f"{name} [deg]", TIME if row == 2 else "", "" if row else " ")
+    label_rows(axes[:, 0], ("roll [deg]", "pitch [deg]", "yaw [deg]"))
     _frame(recording, axes[:, 0], ropes)
-    legend(
-        figure,
-        [
-            ("desired", {"color": DESIRED, "linestyle": "--"}),
-            ("measured", {"color": ESTIMATE}),
-            ("truth", {"color": TRUTH}),
-            *([_TAUT_ENTRY] if ropes else []),
-        ],
-    )
-    return save(figure, directory, "unit_attitude")
+    entries: list[tuple[str, Mapping[str, Any]]] = [
+        ("desired", {"color": DESIRED, "linestyle": "--"}),
+        ("measured", {"color": ESTIMATE}),
+        ("truth", {"color": TRUTH}),
+        *([_TAUT_ENTRY] if ropes else []),
+    ]
+    return finish(figure, entries, directory, "unit_attitude")
 
 
 def fans(recording: Recording, robot: Robot, directory: Path) -> Path:
@@ -118,28 +110,23 @@ def fans(recording: Recording, robot: Robot, directory: Path) -> Path:
             line(pulses, state.time, state.pwm[:, index].astype(np.float64), colour)
     ropes = _ropes(recording)
     _frame(recording, axes[:, 0], ropes)
-    label(total, "total thrust [N]", "", " ")
-    label(each, "thrust [N]")
-    label(speed, "speed [rad/s]")
-    label(pulses, "pulse [us]", TIME)
-    legend(figure, [*entries, *([_TAUT_ENTRY] if ropes else [])])
-    return save(figure, directory, "fans")
+    names = ("total thrust [N]", "thrust [N]", "speed [rad/s]", "pulse [us]")
+    label_rows(axes[:, 0], names)
+    return finish(figure, [*entries, *([_TAUT_ENTRY] if ropes else [])], directory, "fans")
 
 
 def t265(recording: Recording, robot: Robot, directory: Path) -> Path:
     """Position of the base: truth, and by the tracking camera from where it began."""
     base, seen = recording.base, base_by_t265(recording, robot)
     figure, axes = make_figure(3, 1, "Position by the tracking camera", sharex=True)
-    for row, name in enumerate("xyz"):
-        axis = axes[row, 0]
+    for row, axis in enumerate(axes[:, 0]):
         line(axis, base.time, base.position[:, row], TRUTH, linewidth=1.6)
         line(axis, seen.time, seen.position[:, row], ESTIMATE)
-        label(axis, f"{name} [m]", TIME if row == 2 else "", "" if row else " ")
+    label_rows(axes[:, 0], ("x [m]", "y [m]", "z [m]"))
     ropes = _ropes(recording)
     _frame(recording, axes[:, 0], ropes)
     entries = [("truth", {"color": TRUTH}), ("T265", {"color": ESTIMATE})]
-    legend(figure, [*entries, *([_TAUT_ENTRY] if ropes else [])])
-    return save(figure, directory, "t265")
+    return finish(figure, [*entries, *([_TAUT_ENTRY] if ropes else [])], directory, "t265")
 
 
 def _ropes(recording: Recording) -> list[Span]:
@@ -147,11 +134,12 @@ def _ropes(recording: Recording) -> list[Span]:
     return taut_spans(recording.fans) if recording.has(graph.FAN_STATE) else []
 
 
-def _frame(recording: Recording, axes: Iterable[Axes], ropes: Sequence[Span] = ()) -> None:
+def _frame(
+    recording: Recording, axes: Sequence[Axes] | NDArray[Any], ropes: Sequence[Span] = ()
+) -> None:
     """Set the time range; draw modes, and where a rope is taut, behind axes above each other."""
-    span, modes = span_of(recording), modes_of(recording)
-    for row, axis in enumerate(axes):
-        frame(axis, span, modes, names=row == 0)
+    frame_rows(recording, axes)
+    for axis in axes:
         for start, end in ropes:
             axis.axvspan(start, end, color=TAUT, zorder=-4, linewidth=0)
 

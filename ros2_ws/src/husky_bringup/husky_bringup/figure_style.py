@@ -123,6 +123,13 @@ def label(axis: Axes, y: str = "", x: str = "", title: str = "") -> None:
         axis.set_title(title, fontsize=9.5, loc="left", color=_INK, pad=13)
 
 
+def label_rows(axes: Sequence[Axes] | NDArray[Any], names: Sequence[str], title: str = " ") -> None:
+    """Name axes above each other (with unit), the time below the last, a title above the first."""
+    last = len(names) - 1
+    for row, (axis, name) in enumerate(zip(axes, names, strict=True)):
+        label(axis, name, TIME if row == last else "", "" if row else title)
+
+
 def legend(figure: Figure, entries: Sequence[tuple[str, Mapping[str, Any]]]) -> None:
     """Explain lines at the top right of a figure, clear of the data.
 
@@ -207,6 +214,17 @@ def thin(time: Array, values: Array, bins: int = _POINTS) -> tuple[Array, Array]
     return time[index], values[index]
 
 
+def finish(
+    figure: Figure,
+    entries: Sequence[tuple[str, Mapping[str, Any]]],
+    directory: Path,
+    name: str,
+) -> Path:
+    """Explain a figure's lines, as `legend` does, and write it, as `save` does."""
+    legend(figure, entries)
+    return save(figure, directory, name)
+
+
 def save(figure: Figure, directory: Path, name: str) -> Path:
     """Write a figure as PNG and return its path."""
     path = directory / f"{name}.png"
@@ -246,3 +264,10 @@ def frame(axis: Axes, span: tuple[float, float], modes: list[Band], names: bool 
     """Set the time range and draw the modes behind it."""
     axis.set_xlim(*span)
     shade(axis, modes, names)
+
+
+def frame_rows(recording: Recording, axes: Sequence[Axes] | NDArray[Any]) -> None:
+    """Frame axes above each other to a whole recording, with the modes' names above the first."""
+    span, modes = span_of(recording), modes_of(recording)
+    for row, axis in enumerate(axes):
+        frame(axis, span, modes, names=row == 0)

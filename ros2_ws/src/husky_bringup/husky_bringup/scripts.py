@@ -105,3 +105,18 @@ def release_fans(session: Session) -> None:
     """Give the weight back to the legs, then disarm."""
     assist(session, 0.0)
     session.arm(False)
+
+
+def stand_assisted(session: Session, share: float) -> None:
+    """Stand, a share of the weight on the fans, ready to trot."""
+    stand_up(session)
+    ready_fans(session)
+    assist(session, share)
+    session.set_gait("trot")
+
+
+def finish_assisted(session: Session) -> int:
+    """As `finish`, once the legs have the weight again; return the falls, 0 or 1."""
+    if not has_fallen(session.truth):
+        release_fans(session)
+    return finish(session)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from rosbags.interfaces import (
     Nodetype,
     Qos,
@@ -401,3 +402,16 @@ def unit_bag(
     camera = load_robot().t265
     write_bag(path, unit_flight.content(messages, (np.array(camera.position), camera.rpy.tolist())))
     return path
+
+
+@pytest.fixture
+def drawn(monkeypatch: pytest.MonkeyPatch) -> dict[str, Figure]:
+    """Collect figures by name instead of saving them."""
+    found: dict[str, Figure] = {}
+
+    def keep(self: Figure, path: Path) -> None:
+        found[path.stem] = self
+        self.draw_without_rendering()
+
+    monkeypatch.setattr(Figure, "savefig", keep)
+    return found

@@ -25,19 +25,6 @@ def recording(unit_bag: Path) -> Recording:
     return Recording(unit_bag)
 
 
-@pytest.fixture
-def drawn(monkeypatch: pytest.MonkeyPatch) -> dict[str, Figure]:
-    """Collect figures by name instead of saving them."""
-    found: dict[str, Figure] = {}
-
-    def keep(self: Figure, path: Path) -> None:
-        found[path.stem] = self
-        self.draw_without_rendering()
-
-    monkeypatch.setattr(Figure, "savefig", keep)
-    return found
-
-
 def shaded(figure: Figure) -> list[list[tuple[float, float]]]:
     """Return for each axis where it is shaded for a taut rope."""
     colour = to_rgba(figure_propulsion.TAUT)

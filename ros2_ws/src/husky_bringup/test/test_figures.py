@@ -26,19 +26,6 @@ def recording(walk_bag: Path) -> Recording:
     return Recording(walk_bag)
 
 
-@pytest.fixture
-def drawn(monkeypatch: pytest.MonkeyPatch) -> dict[str, Figure]:
-    """Collect figures by name instead of saving them."""
-    found: dict[str, Figure] = {}
-
-    def keep(self: Figure, path: Path) -> None:
-        found[path.stem] = self
-        self.draw_without_rendering()
-
-    monkeypatch.setattr(Figure, "savefig", keep)
-    return found
-
-
 def test_every_figure_becomes_a_file(recording: Recording, tmp_path: Path) -> None:
     written = figures.make_all(recording, ROBOT, tmp_path / "new" / "figures")
     assert [path.stem for path in written] == [draw.__name__ for draw in figures.DRAWINGS]

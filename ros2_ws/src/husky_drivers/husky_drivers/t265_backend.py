@@ -10,14 +10,12 @@ import termios
 from collections.abc import Callable, Mapping, Sequence
 from typing import Protocol
 
+from husky_description.serial_line import SerialPort, hung_up, open_serial, read_bytes
 from husky_drivers.t265_frames import PoseFrame
 from husky_drivers.t265_wire import BAUD, START, FrameParser
-from husky_drivers.vn200_link import Port, open_serial
 
 BACKENDS = ("sim", "realsense")
 """Names of the backends."""
-
-_READ_SIZE = 4096
 
 
 class BackendError(RuntimeError):
@@ -82,17 +80,17 @@ class SimBackend:
 
     retry_period = 0.05
 
-    def __init__(self, path: str, open_port: Callable[[str, int], Port] = open_serial):
+    def __init__(self, path: str, open_port: Callable[[str, int], SerialPort] = open_serial):
         """Prepare; nothing is opened yet.
 
         Args:
             path: the serial port.
-            open_port: opens a port at a baud rate; raises OSError when it cannot.
+            open_port: opens a port at a baud rate, as `open_serial` does, or raises OSError.
         """
         self.path = path
         self.parser = FrameParser()
         self._open_port = open_port
-        self._port: Port | None = None
+        self._port: SerialPort | None = None
         self._descriptor = -1
         self._poller = select.poll()
 
@@ -106,17 +104,14 @@ class SimBackend:
         self._descriptor = self._port.fileno()
         self._poller = select.poll()
         self._poller.register(self._descriptor, select.POLLIN)
-        os.set_blocking(self._descriptor, False)
         os.write(self._descriptor, START)
 
     def poll(self, timeout: float) -> Sequence[PoseFrame]:
         """Wait for bytes; return the frames that they complete; raises OSError."""
         for _, events in self._poller.poll(round(1e3 * timeout)):
             if events & select.POLLIN:
-                data = os.read(self._descriptor, _READ_SIZE)
-                if data:
-                    return self.parser.feed(data)
-            raise OSError(errno.EIO, "the serial line has been hung up")
+                return self.parser.feed(read_bytes(self._descriptor))
+            raise hung_up()
         return ()
 
     def close(self) -> None:

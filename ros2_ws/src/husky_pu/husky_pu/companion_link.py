@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-import errno
 import os
-import select
 import socket
 import termios
 import threading
@@ -13,12 +11,11 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Protocol
 
-import serial
-
+from husky_description.port_thread import PortThread
+from husky_description.serial_line import open_serial, read_bytes
 from husky_pu.mavlink_client import MavlinkClient
 from husky_pu.mavlink_telemetry import Report
 
-_READ_SIZE = 4096
 _RETRY_PERIOD = 0.1
 """Time between two attempts to open a port that is not there [s]."""
 _POLL_PERIOD = 0.05
@@ -60,24 +57,15 @@ class SerialPort:
         Raises:
             OSError: no such port, no permission, taken by another process.
         """
-        self._port = serial.Serial(path, baud, timeout=0.0, exclusive=True)
-        with contextlib.suppress(ValueError, OSError, NotImplementedError):
-            self._port.set_low_latency_mode(True)
-        os.set_blocking(self._port.fileno(), False)
+        self._port = open_serial(path, baud)
 
     def fileno(self) -> int:
         """Return the descriptor."""
-        return int(self._port.fileno())
+        return self._port.fileno()
 
     def read(self) -> bytes:
         """Return what is there."""
-        try:
-            data = os.read(self.fileno(), _READ_SIZE)
-        except BlockingIOError:
-            return b""
-        if not data:
-            raise OSError(errno.EIO, "the serial line has been hung up")
-        return data
+        return read_bytes(self.fileno())
 
     def write(self, data: bytes) -> int:
         """Send what finds room."""
@@ -173,16 +161,13 @@ def opener(connection: str) -> Callable[[], Port]:
     return lambda: UdpPort((place, int(number)), kind == "udpin")
 
 
-class CompanionLink:
+class CompanionLink(PortThread[Port]):
     """Owns the connection: opens it, reads it in a thread, opens it again when it is gone.
 
     The client is used under the lock alone: by the thread for what comes in, and within `talk` for
     what goes out, which is on the line when `talk` ends.
 
     Attributes:
-        connected: whether the port is open.
-        connections: how often it has been opened.
-        error: why it is not open, "" when it is.
         dropped: bytes that found no room on the line.
     """
 
@@ -202,9 +187,7 @@ class CompanionLink:
             on_state: called likewise when the state changes: what it is, and whether the
                 autopilot is heard.
         """
-        self.connected = False
-        self.connections = 0
-        self.error = ""
+        super().__init__("mavlink", _RETRY_PERIOD)
         self.dropped = 0
         self._client = client
         self._open_port = open_port
@@ -213,23 +196,6 @@ class CompanionLink:
         self._told = ""
         self._port: Port | None = None
         self._lock = threading.Lock()
-        self._wake_read, self._wake_write = os.pipe()
-        self._thread: threading.Thread | None = None
-
-    def start(self) -> None:
-        """Start the thread."""
-        self._thread = threading.Thread(target=self._run, name="mavlink", daemon=True)
-        self._thread.start()
-
-    def stop(self) -> None:
-        """End the thread and close everything; the link cannot be started again."""
-        if self._thread is None:
-            return
-        os.write(self._wake_write, b"x")
-        self._thread.join()
-        self._thread = None
-        os.close(self._wake_read)
-        os.close(self._wake_write)
 
     @contextlib.contextmanager
     def talk(self) -> Iterator[MavlinkClient]:
@@ -238,13 +204,7 @@ class CompanionLink:
             yield self._client
             self._flush()
 
-    @property
-    def state(self) -> str:
-        """What the link is doing: "stopped", "no port", "no autopilot", "connected"."""
-        if self._thread is None or not self._thread.is_alive():
-            return "stopped"
-        if not self.connected:
-            return "no port"
+    def _dialogue_state(self) -> str:
         return "connected" if self._client.connected else "no autopilot"
 
     # Under the lock -----------------------------------------------------------------------------
@@ -258,34 +218,19 @@ class CompanionLink:
             self.dropped += len(data)  # The thread finds the port gone, too.
 
     # In the thread ------------------------------------------------------------------------------
-    def _run(self) -> None:
-        stopped = False
-        while not stopped:
-            try:
-                port = self._open_port()
-            except (OSError, termios.error, ValueError) as error:
-                self.error = str(error)
-                self._tell()
-                stopped = bool(select.select([self._wake_read], [], [], _RETRY_PERIOD)[0])
-                continue
-            with self._lock:
-                self._port = port
-                self.connected = True
-                self.connections += 1
-                self.error = ""
-            try:
-                stopped = self._serve(port)
-            except (OSError, termios.error, ValueError) as error:
-                self.error = str(error)
-            finally:
-                with self._lock:
-                    self._port = None
-                    self.connected = False
-                    self._client.closed(self.error or "closed", time.monotonic())
-                with contextlib.suppress(OSError, termios.error):
-                    port.close()
-            if not stopped:
-                self._tell()
+    def _open(self) -> Port:
+        return self._open_port()
+
+    def _opened(self, port: Port) -> None:
+        with self._lock:
+            super()._opened(port)
+            self._port = port
+
+    def _closed(self) -> None:
+        with self._lock:
+            super()._closed()
+            self._port = None
+            self._client.closed(self.error or "closed", time.monotonic())
 
     def _serve(self, port: Port) -> bool:
         """Listen to an open port until the link is to stop, which returns True.
@@ -294,9 +239,7 @@ class CompanionLink:
             OSError: the port is gone.
         """
         descriptor = port.fileno()
-        poller = select.poll()
-        poller.register(descriptor, select.POLLIN)
-        poller.register(self._wake_read, select.POLLIN)
+        poller = self._poller(descriptor)
         poll_at = 0.0
         while True:
             for ready, _ in poller.poll(int(1e3 * _POLL_PERIOD)):

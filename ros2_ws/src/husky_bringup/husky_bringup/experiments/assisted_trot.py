@@ -7,15 +7,7 @@ from typing import Any
 
 from husky_bringup import metrics
 from husky_bringup.run import Run
-from husky_bringup.scripts import (
-    assist,
-    finish,
-    ready_fans,
-    release_fans,
-    stand_up,
-    walk,
-    walk_with_pushes,
-)
+from husky_bringup.scripts import finish_assisted, stand_assisted, walk, walk_with_pushes
 
 _SETTLING = 3.0
 """Time to reach the speed, not measured [s]."""
@@ -58,10 +50,7 @@ def _trot(run: Run, label: str, thrust: float) -> dict[str, Any]:
         label=label,
         expected=options.duration + _SETTLING + 20,
     ) as session:
-        stand_up(session)
-        ready_fans(session)
-        assist(session, thrust)
-        session.set_gait("trot")
+        stand_assisted(session, thrust)
         walk(session, _SETTLING, velocity)
         start = session.time
         walk_with_pushes(
@@ -73,10 +62,7 @@ def _trot(run: Run, label: str, thrust: float) -> dict[str, Any]:
             options.seed,
         )
         end = session.time
-        fallen = metrics.has_fallen(session.truth)
-        if not fallen:
-            release_fans(session)
-        falls = finish(session)
+        falls = finish_assisted(session)
         digest = session.trajectory_sha256
     result = metrics.summary(run.recording(label), run.robot(), start, end)
     return {**result, "falls": falls, "thrust": thrust, "trajectory_sha256": digest}

@@ -24,10 +24,6 @@ _END_PERIOD = 2.0
 """Wall time after which a node that was told to end prints where it hangs [s]."""
 
 
-_END_PERIOD = 2.0
-"""Wall time after which a node that was told to end prints where it hangs [s]."""
-
-
 class HotNode(Protocol):
     """A node that names what its tick waits for, and that can be closed.
 

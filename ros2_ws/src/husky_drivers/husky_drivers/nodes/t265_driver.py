@@ -6,29 +6,28 @@ import sys
 import time
 
 from nav_msgs.msg import Odometry
-from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
-from rclpy.subscription import Subscription
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 
 from husky_description import graph
 from husky_description.nodes import diagnostics, qos
+from husky_description.nodes.device_node import DeviceNode
 from husky_description.nodes.parameters import declare
 from husky_description.nodes.run import run
+from husky_drivers.nodes.clock_parameters import declare_clock
 from husky_drivers.nodes.odometry_encoder import OdometryEncoder
 from husky_drivers.t265_backend import BACKENDS, BackendError, T265Backend, make_backend
 from husky_drivers.t265_frames import Confidence, PoseFrame, covariance, odometry
 from husky_drivers.t265_gate import JumpLimits
 from husky_drivers.t265_link import LinkConfig, State, T265Link
-from husky_drivers.vn200_clock import DeviceClock, HostClock
+from husky_drivers.vn200_clock import HostClock
 
 
-class T265Driver(LifecycleNode):
+class T265Driver(DeviceNode[T265Link]):
     """Publishes each pose as soon as it has come.
 
     The backend is chosen when the node is configured, and that fails when it cannot work here. The
     device belongs to the active state. One that is not there yet is no failure: it is waited for.
     """
-
-    hot: tuple[Subscription, ...] = ()
 
     def __init__(self) -> None:
         super().__init__(graph.T265_DRIVER)
@@ -56,22 +55,7 @@ class T265Driver(LifecycleNode):
             "t265_odom",
             "frame of the poses: t265_link at the camera's start, levelled; z up",
         )
-        clock = declare(
-            self,
-            "clock",
-            "device",
-            "whose time stamps the poses: the device's own, which is simulated time in the "
-            "simulation, or the host's, which the device's is mapped to",
-            allowed=("device", "host"),
-        )
-        latency = declare(
-            self,
-            "latency",
-            0.0,
-            "smallest delay from pose to arrival, taken off stamps of clock host [s]",
-            lower=0.0,
-            upper=0.1,
-        )
+        self._device_clock = declare_clock(self, "pose")
         linear = declare(
             self,
             "linear_accel_cov",
@@ -101,7 +85,7 @@ class T265Driver(LifecycleNode):
             silence_timeout=declare(
                 self,
                 "silence_timeout",
-                1.0 if clock == "host" else 10.0,
+                1.0 if isinstance(self._device_clock, HostClock) else 10.0,
                 "wall time without a new frame after which the device is closed and opened again "
                 "[s]",
                 lower=0.1,
@@ -118,8 +102,6 @@ class T265Driver(LifecycleNode):
                 )
             ),
         )
-        autostart = declare(self, "autostart", True, "configure and activate at start")
-        self._device_clock = DeviceClock() if clock == "device" else HostClock(latency)
         self._encoders = [
             OdometryEncoder(_message(self._odom_frame, confidence, linear, angular))
             for confidence in Confidence
@@ -127,11 +109,9 @@ class T265Driver(LifecycleNode):
         self._publisher = self.create_lifecycle_publisher(Odometry, topic, qos.CONTROL)
         self._backend: T265Backend | None = None
         self._problem = ""
-        self._link: T265Link | None = None
         self._last_report = (time.monotonic(), 0, 0)
         self._diagnostics = diagnostics.Diagnostics(self, "T265", self._report)
-        if autostart and self.trigger_configure() is TransitionCallbackReturn.SUCCESS:
-            self.trigger_activate()
+        self.autostart()
 
     # Lifecycle ----------------------------------------------------------------------------------
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -145,33 +125,11 @@ class T265Driver(LifecycleNode):
         self._problem = ""
         return super().on_configure(state)
 
-    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Open the device."""
-        result = super().on_activate(state)
+    def make_link(self) -> T265Link:
+        """Return a link to the backend."""
         assert self._backend is not None
         self._last_report = (time.monotonic(), 0, 0)
-        self._link = T265Link(self._backend, self._config, self._publish, self._log_event)
-        self._link.start()
-        return result
-
-    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Give the device back."""
-        self.close()
-        return super().on_deactivate(state)
-
-    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Give the device back, from whatever state."""
-        self.close()
-        return super().on_shutdown(state)
-
-    def quiet(self) -> None:
-        """Nothing is hot: poses come from the device."""
-
-    def close(self) -> None:
-        """Stop the thread and close the device."""
-        if self._link is not None:
-            self._link.stop()
-            self._link = None
+        return T265Link(self._backend, self._config, self._publish, self._log_event)
 
     # In the link's thread -----------------------------------------------------------------------
     def _publish(self, frame: PoseFrame, host_ns: int) -> None:

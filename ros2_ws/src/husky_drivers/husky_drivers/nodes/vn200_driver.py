@@ -6,51 +6,34 @@ import sys
 import time
 from collections.abc import Mapping
 
-from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
-from rclpy.subscription import Subscription
 from sensor_msgs.msg import Imu
 
 from husky_description import graph
 from husky_description.nodes import diagnostics, qos
+from husky_description.nodes.device_node import DeviceNode
 from husky_description.nodes.parameters import declare
 from husky_description.nodes.run import run
 from husky_description.robot import load_robot
+from husky_drivers.nodes.clock_parameters import declare_clock
 from husky_drivers.nodes.imu_encoder import ImuEncoder
-from husky_drivers.vn200_clock import DeviceClock, HostClock
+from husky_drivers.vn200_clock import HostClock
 from husky_drivers.vn200_imu import ImuFigures, Values, swap_body, swap_world_and_body
 from husky_drivers.vn200_link import Vn200Link
 from husky_drivers.vn200_session import SessionConfig, State
 
 
-class Vn200Driver(LifecycleNode):
+class Vn200Driver(DeviceNode[Vn200Link]):
     """Publishes each sample of the IMU as soon as its last byte has come.
 
     The port belongs to the active state: it is opened on activation and given back on
     deactivation. A port that is not there yet is no failure: it is waited for.
     """
 
-    hot: tuple[Subscription, ...] = ()
-
     def __init__(self) -> None:
         super().__init__(graph.VN200_DRIVER)
         default_port = graph.serial_port("vn200", self.context.get_domain_id())
         self._port = declare(self, "port", default_port, "serial port of the VN-200")
-        clock = declare(
-            self,
-            "clock",
-            "device",
-            "whose time stamps the samples: the device's own, which is simulated time in the "
-            "simulation, or the host's, which the device's is mapped to",
-            allowed=("device", "host"),
-        )
-        latency = declare(
-            self,
-            "latency",
-            0.0,
-            "smallest delay from sample to arrival, taken off stamps of clock host [s]",
-            lower=0.0,
-            upper=0.1,
-        )
+        self._device_clock = declare_clock(self, "sample")
         self._config = SessionConfig(
             baud=declare(
                 self, "baud", 921600, "rate to run the line at [baud]", lower=9600, upper=921600
@@ -70,51 +53,23 @@ class Vn200Driver(LifecycleNode):
             silence_timeout=declare(
                 self,
                 "silence_timeout",
-                0.25 if clock == "host" else 10.0,
+                0.25 if isinstance(self._device_clock, HostClock) else 10.0,
                 "wall time that a stale device may answer nothing before the port is reopened and "
                 "its baud rate looked for [s]",
                 lower=0.001,
                 upper=60.0,
             ),
         )
-        autostart = declare(self, "autostart", True, "configure and activate at start")
-        self._device_clock = DeviceClock() if clock == "device" else HostClock(latency)
         self._encoder = ImuEncoder(_message_with_covariances(ImuFigures.of(load_robot().imu)))
         self._publisher = self.create_lifecycle_publisher(Imu, graph.IMU, qos.CONTROL)
-        self._link: Vn200Link | None = None
         self._last_report = (time.monotonic(), 0, 0)
         self._diagnostics = diagnostics.Diagnostics(self, "VN-200", self._report)
-        if autostart:
-            self.trigger_configure()
-            self.trigger_activate()
+        self.autostart()
 
-    # Lifecycle ----------------------------------------------------------------------------------
-    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Open the line."""
-        result = super().on_activate(state)
+    def make_link(self) -> Vn200Link:
+        """Return a link to the port."""
         self._last_report = (time.monotonic(), 0, 0)
-        self._link = Vn200Link(self._port, self._config, self._publish, on_state=self._log_state)
-        self._link.start()
-        return result
-
-    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Give the line back."""
-        self.close()
-        return super().on_deactivate(state)
-
-    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Give the line back, from whatever state."""
-        self.close()
-        return super().on_shutdown(state)
-
-    def quiet(self) -> None:
-        """Nothing is hot: samples come from the port."""
-
-    def close(self) -> None:
-        """Stop the thread and close the port."""
-        if self._link is not None:
-            self._link.stop()
-            self._link = None
+        return Vn200Link(self._port, self._config, self._publish, on_state=self._log_state)
 
     # In the link's thread -----------------------------------------------------------------------
     def _publish(self, values: Values, host_ns: int) -> None:

@@ -6,14 +6,13 @@ import math
 import sys
 import time
 
-from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
-from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 from sensor_msgs.msg import BatteryState
 from std_srvs.srv import SetBool, Trigger
 
 from husky_description import graph
 from husky_description.nodes import diagnostics, qos
+from husky_description.nodes.device_node import DeviceNode
 from husky_description.nodes.parameters import declare
 from husky_description.nodes.run import run
 from husky_msgs.msg import PropulsionCommand, PropulsionState
@@ -36,7 +35,7 @@ _SILENCE = 0.5
 _MODES = {name: number for number, name in MODES.items() if name in ("STABILIZED", "OFFBOARD")}
 
 
-class PixhawkBridge(LifecycleNode):
+class PixhawkBridge(DeviceNode[CompanionLink]):
     """Sends one setpoint for each good command, and publishes each bundle of telemetry.
 
     The line belongs to the active state. The link's thread reads it and publishes; commands and
@@ -64,11 +63,9 @@ class PixhawkBridge(LifecycleNode):
         self._open = opener(self._connection)
         self._config = declare_config(self, lockstep=mode == "lockstep")
         self._limits = declare_limits(self)
-        autostart = declare(self, "autostart", True, "configure and activate at start")
         self._boot_clock = BootClock() if mode == "hardware" else None
         self._setpoints = Setpoints(self._limits)
         self._client = MavlinkClient(self._config)
-        self._link: CompanionLink | None = None
         self._killed = False
         self._command_at = -math.inf
         self._bundles = 0
@@ -84,52 +81,30 @@ class PixhawkBridge(LifecycleNode):
         self._commands = self.create_subscription(
             PropulsionCommand, graph.PROPULSION_COMMAND, self._on_command, qos.CONTROL
         )
-        self.hot: list[Subscription] = [self._commands]
+        self.hot = [self._commands]
         self.hot_timers: list[Timer] = [self.create_timer(_HEARTBEAT_LOOK, self._on_timer)]
         self.create_service(SetBool, graph.PROPULSION_ARM, self._on_arm)
         self.create_service(SetFlightMode, graph.PROPULSION_SET_MODE, self._on_set_mode)
         self.create_service(Trigger, graph.PROPULSION_KILL, self._on_kill)
         self._diagnostics = diagnostics.Diagnostics(self, "Pixhawk", self._diagnose)
-        if autostart:
-            self.trigger_configure()
-            self.trigger_activate()
+        self.autostart()
 
     # Lifecycle ----------------------------------------------------------------------------------
-    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Open the line."""
-        result = super().on_activate(state)
+    def make_link(self) -> CompanionLink:
+        """Return a link on which nothing has been said yet."""
         self._client = MavlinkClient(self._config)
         self._setpoints = Setpoints(self._limits)
         self._report = PixhawkReport(self._connection)
-        self._link = CompanionLink(self._client, self._open, self._publish, self._on_link_state)
-        self._link.start()
-        return result
+        return CompanionLink(self._client, self._open, self._publish, self._on_link_state)
 
-    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Ask for no thrust and give the line back."""
-        self.close()
-        return super().on_deactivate(state)
-
-    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """The same, from whatever state."""
-        self.close()
-        return super().on_shutdown(state)
-
-    def quiet(self) -> None:
-        """Nothing to do: telemetry comes from the line."""
-
-    def close(self) -> None:
-        """Ask for no thrust, stop the thread and close the line."""
-        link, self._link = self._link, None
-        if link is None:
-            return
+    def part(self, link: CompanionLink) -> None:
+        """Ask for no thrust."""
         with link.talk() as client:
             self._setpoints.enable(False)
             newest = self._setpoints.newest
             if client.connected and newest is not None:
                 stamp = self._setpoints.stamp_ns
                 newest.without_thrust().send(client, self._boot_us(stamp))
-        link.stop()
 
     # Commands -----------------------------------------------------------------------------------
     def _on_command(self, message: PropulsionCommand) -> None:

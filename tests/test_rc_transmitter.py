@@ -1,19 +1,11 @@
 """The process `rc_transmitter` with a joystick, a clock and a pseudo-terminal as the line."""
 
-import os
-import subprocess
-import sys
-import time
-
 import pytest
 
 pytest.importorskip("rclpy")
 
-import rclpy
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
+from diagnostic_msgs.msg import DiagnosticStatus
+from node_bench import NodeBench, assert_refused, values_of
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Joy
 
@@ -24,58 +16,29 @@ from husky_pu.sbus import BAUD, Channel, SbusParser
 
 pytestmark = pytest.mark.graph
 
+MODULE = "husky_pu.nodes.rc_transmitter"
 STICKS = [0.0, -1.0, 0.0, -0.5, 0.0]
 BUTTONS = [0, 0, 0, 0, 0, 0, 0, 1]
 
 
-class Bench:
+class Bench(NodeBench):
     """The far end of the line, the process, and a node that is joystick and clock."""
 
-    def __init__(self, directory, **parameters):
-        self.domain = 1 + os.getpid() % 100
+    def __init__(self, domain, directory, **parameters):
+        super().__init__(domain, directory, MODULE)
         self.port = PtyPort(directory / "sbus")
         self.parser = SbusParser()
-        self.frames, self.reports = [], []
-        self.context = Context()
-        rclpy.init(context=self.context, domain_id=self.domain)
-        self.node = Node("tester", context=self.context)
-        self.executor = SingleThreadedExecutor(context=self.context)
-        self.executor.add_node(self.node)
+        self.frames = []
         self.joy_publisher = self.node.create_publisher(Joy, graph.JOY, qos.COMMAND)
         self.clock_publisher = self.node.create_publisher(Clock, graph.CLOCK, qos.CLOCK)
-        self.node.create_subscription(
-            DiagnosticArray,
-            graph.DIAGNOSTICS,
-            lambda message: self.reports.append(message.status[0]),
-            qos.STATUS,
-        )
-        self.process = self.start(port=str(self.port.path), **parameters)
+        self.start(port=self.port.path, **parameters)
 
-    def start(self, **parameters):
-        settings = [word for item in parameters.items() for word in ("-p", "{}:={}".format(*item))]
-        environment = dict(os.environ)
-        environment["ROS_DOMAIN_ID"] = str(self.domain)
-        environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-        environment["PYTHONPATH"] = os.pathsep.join(path for path in sys.path if path)
-        return subprocess.Popen(
-            [sys.executable, "-m", "husky_pu.nodes.rc_transmitter", "--ros-args", *settings],
-            env=environment,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-
-    def step(self):
-        self.executor.spin_once(timeout_sec=0.01)
-        self.frames += self.parser.feed(self.port.read(BAUD))
-
-    def wait(self, condition, what, each=lambda: None):
-        """Spin until something is true, as long as it takes on a slow machine."""
-        end = time.monotonic() + 60.0
-        while not condition():
-            assert time.monotonic() < end, f"waited in vain: {what}; {self.reports[-1:]}"
-            assert self.process.poll() is None, self.process.communicate()[1]
+    def wait(self, condition, what, each=lambda: None, timeout=0.01):
+        def read():
+            self.frames += self.parser.feed(self.port.read(BAUD))
             each()
-            self.step()
+
+        super().wait(condition, what, read, timeout)
 
     def joy(self, axes=STICKS, buttons=BUTTONS):
         self.joy_publisher.publish(Joy(axes=axes, buttons=buttons))
@@ -97,18 +60,14 @@ class Bench:
         self.clock(0)
         self.wait(lambda: self.reports, "a report")
 
-    def close(self):
-        self.process.kill()
-        self.process.wait()
+    def _give_back(self):
         self.port.close()
-        self.executor.shutdown()
-        self.node.destroy_node()
-        rclpy.shutdown(context=self.context)
+        super()._give_back()
 
 
 @pytest.fixture
-def bench(tmp_path, request):
-    bench = Bench(tmp_path, **getattr(request, "param", {}))
+def bench(domain, tmp_path, request):
+    bench = Bench(domain, tmp_path, **getattr(request, "param", {}))
     yield bench
     bench.close()
 
@@ -141,32 +100,19 @@ def test_sticks_failsafe_and_a_line_that_vanishes(bench):
     assert found[Channel.ARM] == 2000
     bench.wait(lambda: bench.frames[-1].failsafe, "failsafe without a joystick")
     assert bench.frames[-1].frame_lost
-    bench.reports.clear()
-    bench.wait(
-        lambda: bench.reports and "refused" in str(bench.reports[-1]) and any(
-            pair.key == "refusal" and "is nan" in pair.value for pair in bench.reports[-1].values
-        ),
+    bench.wait_for_report(
+        lambda report: "is nan" in values_of(report)["refusal"],
         "a report of a refused message",
         lambda: bench.joy([float("nan")] * 5),
-    )  # fmt: skip
+    )
     assert bench.frames[-1].failsafe
     bench.port.unplug()
-    bench.reports.clear()
-    bench.wait(
-        lambda: any(report.level == DiagnosticStatus.ERROR for report in bench.reports),
-        "a report of the lost line",
-    )
+    bench.wait_for_report(lambda r: r.level == DiagnosticStatus.ERROR, "a report of the lost line")
     bench.port.replug()
     count = len(bench.frames)
     bench.wait(lambda: len(bench.frames) > count + 10, "frames on the new line")
-    bench.process.terminate()
-    assert bench.process.wait(30.0) == 0
 
 
-def test_a_bad_period_ends_it_with_a_sentence(bench):
-    bench.process.kill()
-    bench.process.wait()
-    bench.process = bench.start(period=0.01)
-    _, errors = bench.process.communicate(timeout=60.0)
-    assert bench.process.returncode == 1
-    assert "parameter period is 0.01 s, it must be 0.007 or 0.014 s" in errors
+def test_a_bad_period_ends_it_with_a_sentence(domain):
+    words = "parameter period is 0.01 s, it must be 0.007 or 0.014 s"
+    assert_refused(MODULE, words, period=0.01)

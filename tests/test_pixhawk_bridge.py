@@ -1,10 +1,6 @@
 """The process `pixhawk_bridge` against a scripted autopilot on a pseudo-terminal and on UDP."""
 
-import os
 import socket
-import subprocess
-import sys
-import threading
 import time
 
 import numpy as np
@@ -12,20 +8,16 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-import rclpy
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticStatus
 from lifecycle_msgs.msg import Transition
-from lifecycle_msgs.srv import ChangeState
+from node_bench import DeviceBench, assert_refused
 from pymavlink.dialects.v20 import common as mavlink
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
+from scripted_autopilot import ScriptedAutopilot
 from sensor_msgs.msg import BatteryState
 from std_srvs.srv import SetBool, Trigger
 
 from husky_description import graph
 from husky_description.nodes import qos, stamps
-from husky_description.pty_port import PtyPort
 from husky_description.robot import load_robot
 from husky_msgs.msg import PropulsionCommand, PropulsionState
 from husky_msgs.srv import SetFlightMode
@@ -33,87 +25,38 @@ from husky_pu.mixer import Mixer
 
 pytestmark = pytest.mark.graph
 
+MODULE = "husky_pu.nodes.pixhawk_bridge"
 MIXER = Mixer(load_robot())
 
 
-class World(threading.Thread):
-    """Serves the autopilot's end of the line: a bundle of telemetry each 20 ms."""
+class Bench(DeviceBench):
+    """An autopilot with a bundle of telemetry each 20 ms, the bridge, and a node that commands."""
 
-    def __init__(self, autopilot, exchange):
-        super().__init__(daemon=True)
-        self.autopilot = autopilot
-        self.exchange = exchange
-        self.lock = threading.Lock()
-        self.running = self.telling = True
+    def __init__(self, domain, directory, exchange=None, **parameters):
+        self.autopilot = ScriptedAutopilot()
+        self.telling = True
         self.centi_amperes = 1000
-
-    def run(self):
-        tick = 0
-        while self.running:
-            with self.lock:
-                if self.telling:
-                    tick += 1
-                    if tick % 10 == 0:
-                        self.autopilot.heartbeat()
-                        self.autopilot.battery([22000], self.centi_amperes)
-                    self.autopilot.telemetry(20 * tick)
-                self.exchange()
-            time.sleep(0.02)
-
-
-class Bench:
-    """Autopilot, bridge process, and a node that commands and listens, in a domain of their own."""
-
-    def __init__(self, directory, autopilot, **parameters):
-        self.domain = 1 + os.getpid() % 100
-        self.port = PtyPort(directory / "pixhawk")
-        self.autopilot = autopilot
-        self.world = World(autopilot, lambda: self.port.service(autopilot))
-        self.world.start()
-        self.context = Context()
-        rclpy.init(context=self.context, domain_id=self.domain)
-        self.node = Node("tester", context=self.context)
-        self.executor = SingleThreadedExecutor(context=self.context)
-        self.executor.add_node(self.node)
-        self.states, self.batteries, self.reports = [], [], []
+        self.ticks = 0
+        self.exchange = exchange or (lambda autopilot: self.port.service(autopilot))
+        super().__init__(domain, directory, MODULE, 0.02, self._tick)
+        self.states, self.batteries = [], []
         subscribe = self.node.create_subscription
         subscribe(PropulsionState, graph.PROPULSION_STATE, self.states.append, qos.STATUS)
         subscribe(BatteryState, graph.BATTERY, self.batteries.append, qos.STATUS)
-        subscribe(
-            DiagnosticArray,
-            graph.DIAGNOSTICS,
-            lambda message: self.reports.append(message.status[0]),
-            qos.STATUS,
-        )
         self.publisher = self.node.create_publisher(
             PropulsionCommand, graph.PROPULSION_COMMAND, qos.CONTROL
         )
         self.stamp = 0
-        parameters = {"connection": f"serial:{self.port.path}:921600", **parameters}
-        self.process = self.start(**parameters)
+        self.start(**{"connection": f"serial:{self.port.path}:921600", **parameters})
 
-    def start(self, **parameters):
-        settings = [word for item in parameters.items() for word in ("-p", "{}:={}".format(*item))]
-        environment = dict(os.environ)
-        environment["ROS_DOMAIN_ID"] = str(self.domain)
-        environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-        environment["PYTHONPATH"] = os.pathsep.join(path for path in sys.path if path)
-        return subprocess.Popen(
-            [sys.executable, "-m", "husky_pu.nodes.pixhawk_bridge", "--ros-args", *settings],
-            env=environment,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-
-    def wait(self, condition, what, command=None):
-        """Spin until something is true, as long as it takes on a slow machine."""
-        end = time.monotonic() + 60.0
-        while not condition():
-            assert time.monotonic() < end, f"waited in vain: {what}; {self.reports[-1:]}"
-            assert self.process.poll() is None, self.process.communicate()[1]
-            if command is not None:
-                self.command(**command)
-            self.executor.spin_once(timeout_sec=0.01)
+    def _tick(self, number):
+        if self.telling:
+            self.ticks += 1
+            if self.ticks % 10 == 0:
+                self.autopilot.heartbeat()
+                self.autopilot.battery([22000], self.centi_amperes)
+            self.autopilot.telemetry(20 * self.ticks)
+        self.exchange(self.autopilot)
 
     def command(self, kind=PropulsionCommand.WRENCH, thrust=0.0, moment=0.0):
         self.stamp += 10_000_000
@@ -122,21 +65,9 @@ class Bench:
         message.force.z, message.moment.x = thrust, moment
         self.publisher.publish(message)
 
-    def wait_for_state(self, condition, what, command=None):
+    def wait_for_state(self, condition, what):
         self.states.clear()
-        self.wait(lambda: any(map(condition, self.states)), what, command)
-
-    def wait_for_report(self, condition, what, command=None):
-        self.reports.clear()
-        self.wait(lambda: self.reports and condition(self.reports[-1]), what, command)
-        return {pair.key: pair.value for pair in self.reports[-1].values}
-
-    def call(self, service_type, name, **request):
-        client = self.node.create_client(service_type, name)
-        self.wait(client.service_is_ready, f"service {name}")
-        future = client.call_async(service_type.Request(**request))
-        self.wait(future.done, f"answer of {name}")
-        return future.result()
+        self.wait(lambda: any(map(condition, self.states)), what)
 
     def connect(self):
         self.wait_for_state(lambda state: state.connected, "a connected autopilot")
@@ -144,24 +75,14 @@ class Bench:
         return self
 
     def thrusts(self):
-        with self.world.lock:
+        with self.held():
             heard = self.autopilot.of("SET_ACTUATOR_CONTROL_TARGET")
         return np.array([message.controls[3] for message in heard])
 
-    def close(self):
-        self.process.kill()
-        self.process.wait()
-        self.world.running = False
-        self.world.join()
-        self.port.close()
-        self.executor.shutdown()
-        self.node.destroy_node()
-        rclpy.shutdown(context=self.context)
-
 
 @pytest.fixture
-def bench(tmp_path, make_autopilot, request):
-    bench = Bench(tmp_path, make_autopilot(), **getattr(request, "param", {"time": "realtime"}))
+def bench(domain, tmp_path, request):
+    bench = Bench(domain, tmp_path, **getattr(request, "param", {"time": "realtime"}))
     yield bench
     bench.close()
 
@@ -169,7 +90,10 @@ def bench(tmp_path, make_autopilot, request):
 def test_arm_fly_kill(bench):
     bench.connect()
     half = 0.5 * MIXER.max_collective
-    command = {"thrust": half, "moment": 0.1 * float(MIXER.moment_scale[0])}
+
+    def command():
+        bench.command(thrust=half, moment=0.1 * float(MIXER.moment_scale[0]))
+
     bench.wait(lambda: len(bench.thrusts()) > 20, "setpoints", command)
     assert not bench.thrusts().any()  # nothing is armed yet
     for mode, number in (("OFFBOARD", 6), ("STABILIZED", 7), ("OFFBOARD", 6)):
@@ -182,7 +106,7 @@ def test_arm_fly_kill(bench):
     thrusts = bench.thrusts()
     # 80 N/s by stamps, of which the longest gap that counts is 0.1 s.
     assert np.diff(thrusts).max() <= 8.0 / MIXER.max_collective + 1e-6
-    with bench.world.lock:
+    with bench.held():
         last = bench.autopilot.of("SET_ACTUATOR_CONTROL_TARGET")[-1]
     assert last.controls[:4] == pytest.approx([0.1, 0, 0, 0.5], abs=1e-6)
     assert 0 < last.time_usec <= bench.stamp // 1000
@@ -203,20 +127,20 @@ def test_arm_fly_kill(bench):
 
 def test_refusals_have_reasons(bench):
     bench.connect()
-    with bench.world.lock:
+    with bench.held():
         bench.autopilot.results[400] = mavlink.MAV_RESULT_TEMPORARILY_REJECTED
         bench.autopilot.refusal = "Arming denied: no battery"
     answer = bench.call(SetBool, graph.PROPULSION_ARM, data=True)
     assert not answer.success
     assert answer.message == "temporarily rejected: Arming denied: no battery"
-    with bench.world.lock:
+    with bench.held():
         bench.autopilot.deaf = 3
     answer = bench.call(SetBool, graph.PROPULSION_ARM, data=True)
     assert answer.message == "no answer to command 400 after 3 attempts"
     report = bench.wait_for_report(
         lambda r: r.level == DiagnosticStatus.WARN and "refused" in r.message,
         "a report of refused commands",
-        {"thrust": float("nan")},
+        lambda: bench.command(thrust=float("nan")),
     )
     assert report["refusal"] == "not finite"
     assert len(bench.thrusts()) == 0
@@ -224,20 +148,20 @@ def test_refusals_have_reasons(bench):
 
 def test_a_lost_and_returning_line_and_autopilot(bench):
     bench.connect()
-    with bench.world.lock:
-        bench.world.telling = False
+    with bench.held():
+        bench.telling = False
     bench.wait_for_state(lambda state: not state.connected, "a state that says so")
     assert not bench.call(SetBool, graph.PROPULSION_ARM, data=True).success
-    with bench.world.lock:
-        bench.world.telling = True
+    with bench.held():
+        bench.telling = True
     bench.wait_for_state(lambda state: state.connected, "the autopilot again")
-    with bench.world.lock:
+    with bench.held():
         bench.port.unplug()
     bench.wait_for_report(lambda r: r.message.startswith("no port"), "a report of the lost port")
-    with bench.world.lock:
+    with bench.held():
         bench.port.replug()
     bench.wait_for_state(lambda state: state.connected, "the autopilot on the new port")
-    with bench.world.lock:
+    with bench.held():
         bench.port.write(b"\xfd\x09garbage" + bytes(range(256)), 921600)
     report = bench.wait_for_report(lambda r: "damaged" in r.message, "a report of damage")
     assert int(report["garbage_bytes"]) > 0
@@ -245,8 +169,8 @@ def test_a_lost_and_returning_line_and_autopilot(bench):
 
 
 def test_a_full_current_field_is_told_as_such(bench):
-    with bench.world.lock:
-        bench.world.centi_amperes = 32767
+    with bench.held():
+        bench.centi_amperes = 32767
     report = bench.wait_for_report(lambda r: "327.67 A" in r.message, "a report of the current")
     assert report["current"] == "327.67 A or more"
     bench.batteries.clear()
@@ -257,41 +181,32 @@ def test_a_full_current_field_is_told_as_such(bench):
 
 def test_a_deactivated_bridge_gives_the_port_back(bench):
     bench.connect()
-    for transition in (Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_ACTIVATE):
-        name = f"/{graph.PIXHAWK_BRIDGE}/change_state"
-        request = Transition(id=transition)
-        assert bench.call(ChangeState, name, transition=request).success
-        if transition == Transition.TRANSITION_DEACTIVATE:
-            bench.wait(lambda: not bench.port.connected, "the port to be closed")
-            assert not bench.call(SetBool, graph.PROPULSION_ARM, data=True).success
+    assert bench.change_state(Transition.TRANSITION_DEACTIVATE)
+    bench.wait(lambda: not bench.port.connected, "the port to be closed")
+    assert not bench.call(SetBool, graph.PROPULSION_ARM, data=True).success
+    assert bench.change_state(Transition.TRANSITION_ACTIVATE)
     bench.wait_for_state(lambda state: state.connected, "the autopilot")
-    bench.process.terminate()
-    assert bench.process.wait(30.0) == 0
+    bench.end()
 
 
-def test_a_standing_lockstep_world_is_no_loss(tmp_path, make_autopilot):
-    bench = Bench(tmp_path, make_autopilot())
-    try:
-        bench.connect()
-        with bench.world.lock:
-            bench.world.telling = False
-        asked = len(bench.autopilot.of("COMMAND_LONG"))
-        bench.wait(
-            lambda: len(bench.autopilot.of("COMMAND_LONG")) > asked + 3, "requests for a sign"
-        )
-        assert all(state.connected for state in bench.states)
-        assert bench.call(SetBool, graph.PROPULSION_ARM, data=True).success
-    finally:
-        bench.close()
+@pytest.mark.parametrize("bench", [{"time": "lockstep"}], indirect=True)
+def test_a_standing_lockstep_world_is_no_loss(bench):
+    bench.connect()
+    with bench.held():
+        bench.telling = False
+    asked = len(bench.autopilot.of("COMMAND_LONG"))
+    bench.wait(lambda: len(bench.autopilot.of("COMMAND_LONG")) > asked + 3, "requests for a sign")
+    assert all(state.connected for state in bench.states)
+    assert bench.call(SetBool, graph.PROPULSION_ARM, data=True).success
 
 
-def test_udp(tmp_path, make_autopilot):
+def test_udp(domain, tmp_path):
     server = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     server.bind(("127.0.0.1", 0))
     server.setblocking(False)
-    autopilot, peers = make_autopilot(3), []
+    peers = []
 
-    def exchange():
+    def exchange(autopilot):
         try:
             while True:
                 data, peer = server.recvfrom(65536)
@@ -304,11 +219,10 @@ def test_udp(tmp_path, make_autopilot):
             server.sendto(output, peers[0])
 
     connection = f"udpout:127.0.0.1:{server.getsockname()[1]}"
-    bench = Bench(tmp_path, autopilot, connection=connection, time="hardware")
-    bench.world.exchange = exchange
+    bench = Bench(domain, tmp_path, exchange, connection=connection, time="hardware")
     try:
         bench.connect()
-        beat = autopilot.of("HEARTBEAT")[0]
+        beat = bench.autopilot.of("HEARTBEAT")[0]
         assert beat.get_srcComponent() == 191
         assert bench.call(SetBool, graph.PROPULSION_ARM, data=True).success
         # The stamps are this machine's time.
@@ -318,9 +232,7 @@ def test_udp(tmp_path, make_autopilot):
         server.close()
 
 
-def test_bad_parameters_end_it_with_a_sentence(bench, tmp_path):
-    bench.process.kill()
-    bench.process.communicate()
+def test_bad_parameters_end_it_with_a_sentence(domain, tmp_path):
     key = tmp_path / "key"
     key.write_text("short")
     for parameters, words in (
@@ -328,7 +240,4 @@ def test_bad_parameters_end_it_with_a_sentence(bench, tmp_path):
         ({"signing_key": key}, "a signing key has 64 hexadecimal digits"),
         ({"time": "sundial"}, "parameter time is 'sundial'"),
     ):
-        bench.process = bench.start(**parameters)
-        _, errors = bench.process.communicate(timeout=60.0)
-        assert bench.process.returncode == 1
-        assert words in errors
+        assert_refused(MODULE, words, **parameters)

@@ -1,0 +1,51 @@
+"""A ROS domain that nobody else on this machine is in."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from husky_description import graph
+
+_DOMAINS = range(20, 100)
+
+
+@contextlib.contextmanager
+def own_domain(name: str) -> Iterator[int]:
+    """Hold a domain, and have it in the environment: the same each time, unless it is taken.
+
+    Args:
+        name: who wants it.
+    """
+    worker = os.environ.get("PYTEST_XDIST_WORKER", "")
+    first = zlib.crc32(f"{worker}{name}".encode()) % len(_DOMAINS)
+    before = os.environ.get("ROS_DOMAIN_ID")
+    for offset in range(len(_DOMAINS)):
+        number = _DOMAINS[(first + offset) % len(_DOMAINS)]
+        directory = Path(graph.serial_port("tests", number)).parent
+        directory.mkdir(parents=True, exist_ok=True)
+        locks = [(directory / name).open("a") for name in ("tests.lock", "vn200.lock")]
+        try:
+            for lock in locks:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            for lock in locks:
+                lock.close()
+            continue
+        locks[1].close()  # the plant's
+        os.environ["ROS_DOMAIN_ID"] = str(number)
+        try:
+            yield number
+        finally:
+            locks[0].close()
+            os.environ.pop("ROS_DOMAIN_ID")
+            if before is not None:
+                os.environ["ROS_DOMAIN_ID"] = before
+        return
+    pytest.fail(f"ROS domains {_DOMAINS} are all in use")
