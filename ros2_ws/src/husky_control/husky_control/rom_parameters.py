@@ -79,8 +79,8 @@ def _frozen(name: str, value: Any, shape: tuple[int, ...]) -> Array:
 def rom_parameters(robot: Robot) -> RomParameters:
     """Return the reduced-order model of a robot: all its mass as it stands in one rigid body.
 
-    A leg begins where the hip sagittal axis meets the plane of the leg while the hip frontal angle
-    is zero, so that the standing robot has phi = gamma = 0 and r = robot.stand_height.
+    Legs begin at `hips_in_base`, so that the standing robot has phi = gamma = 0 and
+    r = robot.stand_height.
 
     Args:
         robot: its numbers.
@@ -89,9 +89,18 @@ def rom_parameters(robot: Robot) -> RomParameters:
     from husky_description.mujoco_model import composite_inertia
 
     center, inertia = composite_inertia(robot)
+    return RomParameters(float(robot.mass), inertia, hips_in_base(robot) - center, center)
+
+
+def hips_in_base(robot: Robot) -> Array:
+    """Return where the model's legs begin, (4, 3) m in base.
+
+    That is where the hip sagittal axis meets the plane of the leg while the hip frontal angle is
+    zero: the robot's leg turns about a parallel of x, `lateral_offset` further inward.
+    """
     hips = np.array(robot.hip_position)
     hips[:, 1] += robot.lateral_offset
-    return RomParameters(float(robot.mass), inertia, hips - center, center)
+    return hips
 
 
 def in_slope_frame(parameters: RomParameters, slope: Any) -> RomParameters:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from husky_description.gantry import GantryOptions
 from husky_description.graph import BODIES, TICK_PERIOD_NS
+from husky_description.ground import GROUND_PRESETS, GroundModel
 from husky_description.mujoco_model import build_spec, build_unit_spec
 from husky_description.robot import Robot
 from husky_sim import terrain
@@ -44,22 +45,22 @@ class ContactPreset:
     source: str
 
 
+def _compliant(ground: GroundModel) -> ContactPreset:
+    """Return the nearest that MuJoCo has to a ground of T27: its spring, damper and mu_c."""
+    return ContactPreset(
+        (-ground.stiffness, -ground.damping),
+        ground.friction_coulomb,
+        f"{ground.source}; {ground.doubt}",
+    )
+
+
 CONTACT_PRESETS = {
     "stiff": ContactPreset(
         (0.005, 1.0), 0.7, "about 6.6e4 N/m: hard floor, friction of thesis ch. 5"
     ),
-    "lab": ContactPreset((-8000.0, -250.0), 0.54, "the lab's reduced-order code: k 8000, d 250"),
-    "thesis_model": ContactPreset(
-        (-100.0, -1000.0), 1.0, "thesis ch. 4: 100 N/m, 1e3 N s/m; a standing robot sinks by 0.2 m"
-    ),
-    "thesis_results": ContactPreset(
-        (-5000.0, -200.0),
-        0.7,
-        "thesis ch. 5: 5e-3 N/mm/mm^2 read as 5000 N/m per unit; its damping 2e-10 has no usable"
-        " unit, 200 N s/m is taken",
-    ),
+    **{name: _compliant(ground) for name, ground in GROUND_PRESETS.items()},
 }
-"""Named sets of T27, whose figures disagree in the thesis."""
+"""A hard floor, and the sets of T27, of which those of the thesis disagree."""
 
 
 @dataclass(frozen=True)
