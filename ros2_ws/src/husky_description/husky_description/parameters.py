@@ -64,7 +64,8 @@ def read_section(section: type[Section], values: Any, name: str) -> Section:
 
     Raises:
         ValueError: A key is unknown or missing, or a number is not finite, of the wrong type or
-            out of range, or a word is not allowed. The message names the dotted key, the value and what is allowed.
+            out of range, or a word is not allowed. The message names the dotted key, the value
+            and what is allowed.
     """
     declared = bounds_of(section)
     check_keys(values, set(declared), name)

@@ -6,6 +6,7 @@ import sys
 import time
 from collections import deque
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from nav_msgs.msg import Odometry
@@ -20,7 +21,7 @@ from husky_description import graph
 from husky_description.gantry import GantryOptions
 from husky_description.lockstep import Peer, Presence
 from husky_description.nodes import diagnostics, qos, stamps
-from husky_description.nodes.parameters import declare
+from husky_description.nodes.parameters import declare, declare_mounting
 from husky_description.nodes.run import run
 from husky_description.nodes.tick_clock import TickClock, percentile_ms
 from husky_description.pty_port import PtyPort
@@ -69,7 +70,8 @@ class Plant(Node):
         )
         scene = declare(self, "save_scene", "", "file that gets the world as MuJoCo XML")
         options = self._world_options()
-        robot = load_robot() if payload < 0.0 else load_robot(payload_mass=payload)
+        changes: dict[str, Any] = {} if payload < 0.0 else {"payload_mass": payload}
+        robot = load_robot(**changes, **declare_mounting(self))
         self._world = World(robot, options)
         if scene:
             Path(scene).write_text(self._world.scene_xml)
