@@ -26,23 +26,30 @@ def rom_step(rate: Rate, time: float, x: Array, dt: float) -> Array:
         time: s.
         x: state (42,).
         dt: s.
+
+    Raises:
+        ValueError: the motion left the finite numbers.
     """
     start = x[ROTATION].reshape(3, 3).T
 
-    def stage(at: float, change: Array, turn: Array) -> tuple[Array, Array, Array]:
+    def moved(at: float, change: Array, turn: Array) -> Array:
         state = x + change
+        if not (np.isfinite(state).all() and np.isfinite(turn).all()):
+            raise ValueError(f"the motion diverges at {at:.4g} s: steps of {dt:.4g} s are too long")
         state[ROTATION] = (start @ rotation_from_vector(turn)).T.reshape(-1)
-        return state, rate(at, state), vector_rate(turn, state[ANGULAR_VELOCITY])
+        return state
+
+    def slopes(at: float, change: Array, turn: Array) -> tuple[Array, Array]:
+        state = moved(at, change, turn)
+        return rate(at, state), vector_rate(turn, state[ANGULAR_VELOCITY])
 
     zero = np.zeros(3)
-    _, k1, w1 = stage(time, np.zeros(STATES), zero)
-    _, k2, w2 = stage(time + dt / 2, dt / 2 * k1, dt / 2 * w1)
-    _, k3, w3 = stage(time + dt / 2, dt / 2 * k2, dt / 2 * w2)
-    _, k4, w4 = stage(time + dt, dt * k3, dt * w3)
-    turn = dt / 6 * (w1 + 2 * w2 + 2 * w3 + w4)
-    result = x + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-    result[ROTATION] = (start @ rotation_from_vector(turn)).T.reshape(-1)
-    return result
+    k1, w1 = slopes(time, np.zeros(STATES), zero)
+    k2, w2 = slopes(time + dt / 2, dt / 2 * k1, dt / 2 * w1)
+    k3, w3 = slopes(time + dt / 2, dt / 2 * k2, dt / 2 * w2)
+    k4, w4 = slopes(time + dt, dt * k3, dt * w3)
+    change = dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+    return moved(time + dt, change, dt / 6 * (w1 + 2 * w2 + 2 * w3 + w4))
 
 
 def integrate_rom(rate: Rate, x: Array, duration: float, steps: int) -> tuple[Array, Array]:
@@ -68,6 +75,4 @@ def integrate_rom(rate: Rate, x: Array, duration: float, steps: int) -> tuple[Ar
     states[0] = checked_vector("x", x, STATES)
     for k in range(steps):
         states[k + 1] = rom_step(rate, float(times[k]), states[k], duration / steps)
-        if not np.isfinite(states[k + 1]).all():
-            raise ValueError(f"the motion diverges at {times[k + 1]:.4g} s: steps are too long")
     return times, states
