@@ -16,7 +16,6 @@ from husky_control.ground_model import (
     smooth_ground_force,
 )
 from husky_control.reduced_order import (
-    POSITION,
     VELOCITY,
     foot_positions,
     foot_velocities,

@@ -181,7 +181,7 @@ def test_input_matrices_are_the_slopes_of_velocities(seed):
 def test_the_equations_of_motion_are_met(seed):
     """M [p''; w'] + H = sum B_g u_g + B_T u_T, each part by its own function."""
     rng = np.random.default_rng(seed)
-    x, (u_l, u_g, u_t) = random_state(rng), random_inputs(rng)
+    x, (_, u_g, u_t) = random_state(rng), random_inputs(rng)
     left = mass_matrix(PARAMETERS) @ body_acceleration(x, u_g, u_t, PARAMETERS)
     left += bias(x, PARAMETERS)
     right = thrust_input_matrix() @ u_t

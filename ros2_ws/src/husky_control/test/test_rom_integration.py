@@ -1,4 +1,4 @@
-"""Integration of the reduced-order model: it stays on SO(3), is of order 4, and says what is bad."""
+"""Integration of the reduced-order model: it stays on SO(3) and is of order 4."""
 
 import numpy as np
 import pytest
