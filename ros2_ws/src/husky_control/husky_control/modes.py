@@ -14,6 +14,7 @@ class Mode(Enum):
     STAND_UP = "stand_up"
     STAND = "stand"
     WALK = "walk"
+    WAIR = "wair"
     FLY = "fly"
     SIT = "sit"
     DAMPING = "damping"
@@ -25,13 +26,14 @@ DESCRIPTIONS: dict[Mode, str] = {
     Mode.STAND_UP: "gathers the legs, then raises the body",
     Mode.STAND: "holds the body over four feet",
     Mode.WALK: "steps in a gait; also while it comes to a stop",
+    Mode.WAIR: "walks up and down inclines, held against them by the fans; stands at speed zero",
     Mode.FLY: "hovers on the fans, legs in the standing posture; also take-off and landing",
     Mode.SIT: "lowers the body, then holds the sitting posture",
     Mode.DAMPING: "joints are held at zero velocity: the robot sinks",
     Mode.EMERGENCY_STOP: "joints get zero torque until an operator asks for passive",
 }
 
-ACTIVE = frozenset({Mode.STAND_UP, Mode.STAND, Mode.WALK, Mode.FLY, Mode.SIT})
+ACTIVE = frozenset({Mode.STAND_UP, Mode.STAND, Mode.WALK, Mode.WAIR, Mode.FLY, Mode.SIT})
 """Modes in which the drives follow positions, and in which safety can trip."""
 
 
@@ -63,6 +65,7 @@ CONDITIONS: dict[str, str] = {
     "at_rest": "the body is still moving",
     "fans_available": "the fans are not armed or do not follow",
     "pose_fresh": "the T265 gives no pose, or a doubtful one",
+    "level": "the robot is still stepping, or stands on an incline",
     "landed": "the legs do not carry the weight yet",
 }
 """Name of each condition, and the reason given when it does not hold."""
@@ -92,6 +95,9 @@ TRANSITIONS: tuple[Transition, ...] = (
     _row(Mode.STAND,          Event.REQUEST, Mode.SIT,      ("sit",), ("at_rest",)),
     _row(Mode.WALK,           Event.DONE,    Mode.STAND,    conditions=("stopped",),
          label="stand requested, gait changed or command silent; all feet down"),
+    _row(Mode.STAND,          Event.REQUEST, Mode.WAIR,     ("wair",), (*_READY, "at_rest")),
+    _row(Mode.WAIR,           Event.DONE,    Mode.STAND,    conditions=("level",),
+         label="stand requested; level, all feet down"),
     _row(Mode.STAND,          Event.REQUEST, Mode.FLY,      ("fly",),
          (*_READY, "at_rest", "fans_available", "pose_fresh")),
     _row(Mode.FLY,            Event.DONE,    Mode.STAND,    conditions=("landed",),
