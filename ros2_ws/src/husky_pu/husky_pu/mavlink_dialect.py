@@ -55,7 +55,8 @@ class SetAttitudeTarget(mavlink.MAVLink_set_attitude_target_message):
             self.type_mask,
         )
         if force_mavlink1:
-            return bytes(super().pack(mav, force_mavlink1=True))
+            short = self._base.unpacker.pack(*values)
+            return bytes(self._pack(mav, self.crc_extra, short, force_mavlink1=True))
         payload = self.unpacker.pack(*values, *self.thrust_body)
         return bytes(self._pack(mav, self.crc_extra, payload))
 
