@@ -58,27 +58,18 @@ def pack_state(state: RomState) -> Any:
     Raises:
         ValueError: a part has another shape; names it.
     """
-    parts = {
-        name: checked_vector(name, value, size)
-        for (name, value), size in zip(state._asdict().items(), (12, 12, 0, 3, 3, 3), strict=True)
-        if size
-    }
     rotation = state.rotation if is_casadi(state.rotation) else np.asarray(state.rotation, float)
     if rotation.shape != (3, 3):
         raise ValueError(f"rotation must have shape (3, 3), not {rotation.shape}")
-    xp = namespace_of(*state)
-    return xp.concatenate(
-        [
-            parts["leg_position"],
-            parts["leg_velocity"],
-            rotation[:, 0],
-            rotation[:, 1],
-            rotation[:, 2],
-            parts["position"],
-            parts["angular_velocity"],
-            parts["velocity"],
-        ]
+    legs, body = (
+        [checked_vector(name, getattr(state, name), size) for name in names]
+        for size, names in (
+            (LEG_STATES, ("leg_position", "leg_velocity")),
+            (3, ("position", "angular_velocity", "velocity")),
+        )
     )
+    columns = [rotation[:, j] for j in range(3)]
+    return namespace_of(*state).concatenate([*legs, *columns, *body])
 
 
 def unpack_state(x: Any) -> RomState:
