@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from husky_control.assist import FAN_LAG
+from husky_control.estimator import GRAVITY
 from husky_control.incline import (
     Incline,
     gravity_in_plane,
@@ -122,6 +123,12 @@ class Climbing:
         """Out of the mode: let the thrust go."""
         self._follow(np.zeros(3), True, dt)
 
+    @property
+    def lightness(self) -> float:
+        """Share of the weight that presses the feet onto the plane, as thrust is given now."""
+        normal = -self.mass * float(self.gravity[2]) - float(self.plane[2] @ self.given)
+        return normal / (self.mass * GRAVITY)
+
     def load_slope(self) -> tuple[float, float]:
         """Return the feet's tangential over normal load with the thrust given, (x, y) in plane."""
         support = -self.mass * self.gravity - self.given_in_plane
@@ -138,7 +145,7 @@ class Climbing:
         """Thrust in world that the statics of the grounds under the feet ask for."""
         p = self.parameters
         direction = load_direction(normals, p["wair.load_slope"])
-        return p["wair.thrust_share"] * thrust_for_load(direction, self.mass)
+        return p["wair.thrust_share"] * thrust_for_load(direction, self.mass, p["wair.least_load"])
 
     def _wanted(self, velocity_error: Array) -> Array:
         p = self.parameters

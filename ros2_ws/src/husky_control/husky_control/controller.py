@@ -21,7 +21,7 @@ from husky_control.parameters import Parameters
 from husky_control.posture import PostureMove
 from husky_control.rotation import matrix_from_quaternion, tilt_of, yaw_of
 from husky_control.safety import Safety, all_finite, limit_command
-from husky_control.stance import distribute_weight
+from husky_control.stance import distribute_weight, lean_forces
 from husky_control.t265_pose import T265Pose
 from husky_control.walking import Walking
 
@@ -33,8 +33,12 @@ Mask = NDArray[np.bool_]
 
 TICK = 0.002  # s
 REST_SPEED = 0.08  # m/s, below which a standing body is at rest
+LIGHTEST = 0.4  # share of the weight on the feet, down to which contact thresholds shrink with it
 REST_TIME = 0.5  # s at zero command, after which the feet of a climbing robot stay down
 REST_RATE = 0.3  # rad/s, likewise
+_REHEARSAL = (
+    ("stand_up", 1000), ("walk", 200), ("stand", 500), ("wair", 20), ("stand", 20), ("sit", 20)
+)  # modes and ticks in each, before the first real tick
 TRUST_TIME = 0.02  # s, in which an unloaded stance foot loses the estimator's trust
 
 # CiA 402 modes of operation
@@ -495,6 +499,11 @@ class Controller:
         walking.gravity[:] = climbing.gravity
         walking.thrust[:] = climbing.given_in_plane
         walking.bend = climbing.bend()
+        light = min(1.0, max(LIGHTEST, climbing.lightness))
+        full = self._full_thresholds
+        self._thresholds = ContactThresholds(
+            light * full.touchdown, light * full.early, light * full.liftoff
+        )
         slope = climbing.load_slope()
         walking.load_slope = slope
         height = float(self._walking.height)
@@ -630,6 +639,7 @@ class Controller:
         walking.shift.fill(0.0)
         walking.load_slope = (0.0, 0.0)
         walking.bend = None
+        self._thresholds = self._full_thresholds
 
     def _take_off(self) -> None:
         """Begin a flight from standing; the fans go on with what they help already."""
@@ -714,9 +724,10 @@ class Controller:
         if p.revision == self._revision:
             return
         self._revision = p.revision
-        self._thresholds = ContactThresholds(
+        self._full_thresholds = ContactThresholds(
             p["contact.touchdown_force"], p["contact.early_force"], p["contact.liftoff_force"]
         )
+        self._thresholds = self._full_thresholds
         self._noise = EstimatorNoise(
             p["estimator.acceleration"],
             p["estimator.foot_drift"],
@@ -742,9 +753,10 @@ class Controller:
         """Rehearse standing, walking and sitting with a second controller: numba compiles now."""
         parameters = Parameters({"stand.duration": 0.5, "stand.joint_speed": 5.0})
         rehearsal = Controller(self.robot, parameters, warm_up=False)
+        lean_forces(np.eye(3), 0.0, 0.0, np.zeros((LEGS, 3)))
         m = Measurements(drives_operational=True)
         m.joint_position[:] = self.robot.sit_joint_position
-        for mode, ticks in (("stand_up", 1000), ("walk", 200), ("stand", 500), ("sit", 20)):
+        for mode, ticks in _REHEARSAL:
             rehearsal.tick(m)
             accepted, message = rehearsal.request_mode(mode)
             if not accepted:

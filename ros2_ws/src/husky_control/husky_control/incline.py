@@ -109,7 +109,7 @@ def axial_thrust(gravity: Array, mass: float, ratio: float, axis: Array) -> Arra
     return np.zeros(3) if gain < 0.05 else axis * (mass * excess / gain)
 
 
-def thrust_for_load(direction: Array, mass: float) -> Array:
+def thrust_for_load(direction: Array, mass: float, least: float = 0.0) -> Array:
     """Return the least force at the centre of mass that turns the feet's load into a direction.
 
     With b the angle between the direction and the vertical its size is m g sin b, at right angles
@@ -118,11 +118,12 @@ def thrust_for_load(direction: Array, mass: float) -> Array:
     Args:
         direction: (3,) unit vector in world, of the ground's force on the feet.
         mass: kg.
+        least: of the ground's force [N]; where gravity leaves less, the thrust presses the feet.
 
     Returns:
         (3,) N in world.
     """
-    thrust: Array = -mass * GRAVITY * float(direction[2]) * direction
+    thrust: Array = -max(least, mass * GRAVITY * float(direction[2])) * direction
     thrust[2] += mass * GRAVITY
     return thrust
 
