@@ -39,7 +39,7 @@ class PlanFileError(ValueError):
 
 
 class PlanSample(NamedTuple):
-    """A plan at one time; slope frame unless the name says body."""
+    """A plan at one time, in the slope frame; `angular_velocity` in body."""
 
     position: Array  # (3,) m, centre of mass
     rotation: Array  # (3, 3), body to slope frame
@@ -84,6 +84,8 @@ class Plan:
         touchdown_phase: of each leg, share of the period in [0, 1) (4,).
         height: nominal distance of the centre of mass from the slope [m].
         mass: of the robot that was planned for [kg].
+        thrust_limit: of all fans together [N].
+        center_of_mass: of the robot that was planned for, in base [m] (3,).
         time: of each point, from 0 to period, not decreasing [s] (M,).
         position: centre of mass in the slope frame [m] (M, 3).
         rotation: body to slope frame (M, 3, 3).
@@ -94,7 +96,8 @@ class Plan:
         foot_force: of the ground on each foot, slope frame, zero in its swing [N] (M, 4, 3).
         thrust: of the fans on the body at the centre of mass, slope frame [N] (M, 3).
         stance: whether each leg stands, from this point to the next (M, 4).
-        foothold: of the stance that each leg begins in this cycle, slope frame [m] (4, 3).
+        foothold: where each leg touches the ground (z = 0, below the centre of its foot) in the
+            stance that it begins in this cycle, slope frame [m] (4, 3).
         mesh_error: of the collocation, see MeshError.
         cost: value of the cost that was minimised [-].
     """
@@ -110,6 +113,8 @@ class Plan:
     touchdown_phase: Array
     height: float
     mass: float
+    thrust_limit: float
+    center_of_mass: Array
     time: Array
     position: Array
     rotation: Array
@@ -138,6 +143,7 @@ class Plan:
         for name, tail in _POINT_SHAPES.items():
             self._freeze(name, (points, *tail), bool if name == "stance" else float)
         self._freeze("touchdown_phase", (4,), float)
+        self._freeze("center_of_mass", (3,), float)
         self._freeze("foothold", (4, 3), float)
         if self.time[0] != 0.0 or np.any(np.diff(self.time) < 0.0):
             raise ValueError("time must begin at 0 and not decrease")

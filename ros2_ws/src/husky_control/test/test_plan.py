@@ -58,6 +58,8 @@ def make_plan(points: int = POINTS, **changes: object) -> Plan:
         "touchdown_phase": np.array([0.0, 0.5, 0.5, 0.0]),
         "height": 0.5,
         "mass": 7.6,
+        "thrust_limit": 76.0,
+        "center_of_mass": np.array([-0.005, 0.0, -0.015]),
         "time": time,
         "foot_force": force,
         "thrust": np.stack([20.0 * time, 0.0 * time, 1.0 + time], axis=1),
