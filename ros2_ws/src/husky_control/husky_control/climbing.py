@@ -145,7 +145,10 @@ class Climbing:
         """Thrust in world that the statics of the grounds under the feet ask for."""
         p = self.parameters
         direction = load_direction(normals, p["wair.load_slope"])
-        return p["wair.thrust_share"] * thrust_for_load(direction, self.mass, p["wair.least_load"])
+        thrust = thrust_for_load(
+            direction, self.mass, p["wair.least_load"], p["wair.thrust_limit"]
+        )
+        return p["wair.thrust_share"] * thrust
 
     def _wanted(self, velocity_error: Array) -> Array:
         p = self.parameters

@@ -109,7 +109,9 @@ def axial_thrust(gravity: Array, mass: float, ratio: float, axis: Array) -> Arra
     return np.zeros(3) if gain < 0.05 else axis * (mass * excess / gain)
 
 
-def thrust_for_load(direction: Array, mass: float, least: float = 0.0) -> Array:
+def thrust_for_load(
+    direction: Array, mass: float, least: float = 0.0, most: float = math.inf
+) -> Array:
     """Return the least force at the centre of mass that turns the feet's load into a direction.
 
     With b the angle between the direction and the vertical its size is m g sin b, at right angles
@@ -118,14 +120,22 @@ def thrust_for_load(direction: Array, mass: float, least: float = 0.0) -> Array:
     Args:
         direction: (3,) unit vector in world, of the ground's force on the feet.
         mass: kg.
-        least: of the ground's force [N]; where gravity leaves less, the thrust presses the feet.
+        least: of the ground's force [N]; where gravity leaves less, the thrust presses the feet,
+            as far as `most` allows.
+        most: of the thrust [N].
 
     Returns:
-        (3,) N in world.
+        (3,) N in world; no longer than `most`, whatever the load is then.
     """
-    thrust: Array = -max(least, mass * GRAVITY * float(direction[2])) * direction
-    thrust[2] += mass * GRAVITY
-    return thrust
+    weight, upright = mass * GRAVITY, float(direction[2])
+    load = weight * upright
+    across = weight * math.sqrt(max(0.0, 1.0 - upright * upright))
+    if load < least and across < most:
+        # |weight up - load direction| = most, solved for the load.
+        load = min(least, load + math.sqrt(most * most - across * across))
+    thrust: Array = -load * direction
+    thrust[2] += weight
+    return thrust if across <= most else thrust * (most / across)
 
 
 def load_direction(normals: list[Array], ratio: float) -> Array:

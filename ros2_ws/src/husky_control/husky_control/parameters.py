@@ -55,7 +55,7 @@ _GAINS: dict[str, Parameter] = {
     "assist.moment_limit": _P(2.0, 0.0, 4.0, "N m", "Largest moment asked of the fans about roll and pitch, each"),
     "wair.load_slope": _P(0.32, 0.05, 0.7, "-", "Tangential over normal load that the feet are to bear on an incline; the fans take the rest"),
     "wair.most_load_slope": _P(0.5, 0.05, 1.0, "-", "Most of it that footholds and feed-forward allow for, while the fans give less"),
-    "wair.least_load": _P(45.0, 0.0, 80.0, "N", "Least force on the ground that all feet together are to keep; on steep slopes the fans press them"),
+    "wair.least_load": _P(62.0, 0.0, 80.0, "N", "Least force on the ground that all feet together are to keep; on steep slopes the fans press them"),
     "wair.thrust_share": _P(1.0, 0.0, 1.5, "-", "Share of the statics' thrust that is asked for; 0 climbs without fans"),
     "wair.thrust_limit": _P(76.0, 0.0, 80.0, "N", "Most thrust asked for"),
     "wair.thrust_slew": _P(40.0, 5.0, 200.0, "N/s", "How fast the thrust asked for changes"),
