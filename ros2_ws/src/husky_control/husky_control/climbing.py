@@ -17,6 +17,7 @@ from husky_control.assist import FAN_LAG
 from husky_control.estimator import GRAVITY
 from husky_control.incline import (
     Incline,
+    axial_thrust,
     gravity_in_plane,
     load_direction,
     load_slope,
@@ -33,6 +34,8 @@ Mask = NDArray[np.bool_]
 UP = np.array([0.0, 0.0, 1.0])
 GATE = 3.0
 """The body leans while the thrust given is no more than this below what the lean needs [N]."""
+LEAN_FROM, LEAN_WHOLE = math.radians(6.0), math.radians(15.0)
+"""Slopes at which a body with fixed fans begins to lean ahead, and leans as far as it shall."""
 LEVEL = math.radians(8.0)
 """Slope up to which the robot may stand as on the flat [rad]."""
 
@@ -47,12 +50,17 @@ class Climbing:
         turning: whether the plane has turned at this tick.
         thrust: (3,) N in world, asked of the fans.
         given: (3,) N in world, what they are taken to give now.
+        vectoring: the fans push in any direction; otherwise along the body's z axis alone.
+        pitch: of the body relative to the plane, nose down, so that a fixed axis points uphill
+            [rad].
     """
 
     def __init__(self, robot: Robot, parameters: Parameters) -> None:
         """Level, fans off."""
         self.parameters = parameters
         self.mass = float(robot.mass)
+        self.vectoring = robot.fans.mounting == "vectoring"
+        self.pitch = 0.0
         self.incline = Incline()
         self.normal = UP.copy()
         self.plane = np.eye(3)
@@ -61,6 +69,7 @@ class Climbing:
         self.thrust = np.zeros(3)
         self.given = np.zeros(3)
         self.active = False
+        self._failed = False
 
     @property
     def slope(self) -> float:
@@ -87,6 +96,7 @@ class Climbing:
     def end(self) -> None:
         """Level again: the thrust goes by itself."""
         self.active = False
+        self.pitch = 0.0
         self.normal[:] = UP
         self.plane = np.eye(3)
 
@@ -112,6 +122,7 @@ class Climbing:
             dt: s.
         """
         p = self.parameters
+        self._failed = not available and p["wair.thrust_share"] > 0.0
         self.incline.tick(
             foot_in_world, standing, touchdown, left, p["wair.slope_filter"], dt
         )
@@ -122,6 +133,13 @@ class Climbing:
     def fade(self, dt: float) -> None:
         """Out of the mode: let the thrust go."""
         self._follow(np.zeros(3), True, dt)
+
+    @property
+    def lost(self) -> bool:
+        """Whether the fans have failed where the feet cannot do without them."""
+        support = -self.mass * self.gravity
+        ratio = math.hypot(support[0], support[1]) / max(1e-3, float(support[2]))
+        return self._failed and ratio > self.parameters["wair.most_load_slope"]
 
     @property
     def lightness(self) -> float:
@@ -144,11 +162,25 @@ class Climbing:
     def _needed(self, normals: list[Array]) -> Array:
         """Thrust in world that the statics of the grounds under the feet ask for."""
         p = self.parameters
+        if not self.vectoring:
+            lean = self.pitch
+            axis = np.array([math.sin(lean), 0.0, math.cos(lean)])
+            thrust = axial_thrust(self.gravity, self.mass, p["wair.load_slope"], axis)
+            along: Array = p["wair.thrust_share"] * (thrust @ self.plane)
+            return along
         direction = load_direction(normals, p["wair.load_slope"])
         thrust = thrust_for_load(
             direction, self.mass, p["wair.least_load"], p["wair.thrust_limit"]
         )
         return p["wair.thrust_share"] * thrust
+
+    def _pitch_for(self, slope: float) -> float:
+        """Pitch relative to the plane at which a fixed axis helps: beyond the slope itself."""
+        p = self.parameters
+        if self.vectoring or p["wair.thrust_share"] == 0.0:
+            return 0.0
+        share = min(1.0, max(0.0, (slope - LEAN_FROM) / (LEAN_WHOLE - LEAN_FROM)))
+        return share * (slope + p["wair.lean_ahead"])
 
     def _wanted(self, velocity_error: Array) -> Array:
         p = self.parameters
@@ -156,6 +188,8 @@ class Climbing:
         size = math.sqrt(float(needed @ needed))
         if size < 1e-6:
             return needed
+        if not self.vectoring:
+            return needed * min(1.0, p["wair.thrust_limit"] / size)
         # Feedback along the slope only: across the plane the legs hold the body.
         push = p["wair.velocity_gain"] * velocity_error[:2]
         most = min(p["wair.feedback_limit"], size)
@@ -176,9 +210,11 @@ class Climbing:
 
     def _lean(self, available: bool, dt: float) -> None:
         p = self.parameters
+        most = p["wair.lean_rate"] * dt
+        self.pitch += min(most, max(-most, self._pitch_for(self.slope) - self.pitch))
         ahead = turn_towards(self.normal, self.incline.normal, p["wair.lean_rate"] * dt)
         steeper = ahead[2] < self.normal[2]
-        if steeper and available:
+        if steeper and available and self.vectoring:
             needed = self._needed([ahead])
             have = math.sqrt(float(self.given @ self.given))
             if math.sqrt(float(needed @ needed)) > have + GATE:

@@ -330,7 +330,7 @@ class Controller:
             reason = self._safety.check(
                 m.joint_position,
                 m.joint_torque,
-                tilt_of(self._rotation_on_plane),
+                self._lean(),
                 m.joint_age_ticks,
                 m.imu_age,
                 m.drives_operational,
@@ -349,10 +349,20 @@ class Controller:
         )
         if self.mode is Mode.WAIR:
             self._climb(m.fans_available)
+            if self.climbing.lost:
+                self._follow_event(Event.LOST, "the fans are lost on an incline: crouching")
         else:
             self.climbing.fade(TICK)
             self._walking.thrust[2] = self.assist.lift_in_world(self._rotation)
         return self._limited(self._output())
+
+    def _lean(self) -> float:
+        """Angle of the body's z axis from where it shall point: up, or what an incline asks for."""
+        if not self.climbing.active:
+            return tilt_of(self._rotation)
+        wanted = self._walking.body_rotation[:, 2]
+        cosine = float(self._rotation_on_plane[:, 2] @ wanted)
+        return math.acos(min(1.0, max(-1.0, cosine)))
 
     def _estimate(self, m: Measurements) -> None:
         clock = self._walking.clock
@@ -498,6 +508,7 @@ class Controller:
         np.matmul(climbing.plane, self._rotation, out=self._rotation_on_plane)
         walking.gravity[:] = climbing.gravity
         walking.thrust[:] = climbing.given_in_plane
+        walking.pitch = climbing.pitch
         walking.bend = climbing.bend()
         light = min(1.0, max(LIGHTEST, climbing.lightness))
         full = self._full_thresholds
@@ -594,9 +605,10 @@ class Controller:
                 [gather, self.parameters["stand.duration"]],
             )
         elif mode is Mode.SIT:
+            p, lost = self.parameters, row.event is Event.LOST
             self._move.start(
                 [self.command.position, robot.sit_joint_position],
-                [self.parameters["stand.duration"]],
+                [p["wair.crouch_time"] if lost else p["stand.duration"]],
             )
         elif mode is Mode.STAND and row.event is Event.DONE and Mode.STAND_UP in row.sources:
             forward_kinematics(
@@ -624,7 +636,8 @@ class Controller:
                 self.parameters.gait(self._gait_name), self._estimator.position
             )
 
-        if mode not in (Mode.WAIR, Mode.STAND) and self.climbing.active:
+        # A robot that crouches on an incline keeps its frame.
+        if mode not in (Mode.WAIR, Mode.STAND, Mode.SIT) and self.climbing.active:
             self._level()
         if mode not in (Mode.FLY, Mode.STAND) and self.hover.active:
             self.hover.end(at_once=mode is Mode.EMERGENCY_STOP)
@@ -639,6 +652,7 @@ class Controller:
         walking.shift.fill(0.0)
         walking.load_slope = (0.0, 0.0)
         walking.bend = None
+        walking.pitch = 0.0
         self._thresholds = self._full_thresholds
 
     def _take_off(self) -> None:

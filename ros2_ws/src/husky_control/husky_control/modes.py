@@ -43,6 +43,7 @@ class Event(Enum):
     REQUEST = "request"
     DONE = "done"
     FAULT = "fault"
+    LOST = "lost"
 
 
 @dataclass(frozen=True)
@@ -98,6 +99,8 @@ TRANSITIONS: tuple[Transition, ...] = (
     _row(Mode.STAND,          Event.REQUEST, Mode.WAIR,     ("wair",), (*_READY, "at_rest")),
     _row(Mode.WAIR,           Event.DONE,    Mode.STAND,    conditions=("level",),
          label="stand requested; level, all feet down"),
+    _row(Mode.WAIR,           Event.LOST,    Mode.SIT,
+         label="fans lost where they are needed"),
     _row(Mode.STAND,          Event.REQUEST, Mode.FLY,      ("fly",),
          (*_READY, "at_rest", "fans_available", "pose_fresh")),
     _row(Mode.FLY,            Event.DONE,    Mode.STAND,    conditions=("landed",),

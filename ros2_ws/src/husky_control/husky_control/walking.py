@@ -81,6 +81,7 @@ class Walking:
         self._sway_leg = -1
         self._hop = Hop()
         self._nominal = np.zeros((LEGS, 2))
+        self._leaning = np.zeros((LEGS, 2))  # the same under a body that is pitched
         self._masses = leg_masses(robot)
         self._lower = np.array(robot.joint_lower) + RANGE_MARGIN
         self._upper = np.array(robot.joint_upper) - RANGE_MARGIN
@@ -390,8 +391,9 @@ class Walking:
         p, clock, gait, sway = self.parameters, self.clock, self.clock.gait, self._sway
         np.subtract(1.0, clock.swing_progress, out=self._remaining)
         self._remaining *= clock.swing_time
+        np.multiply(self._nominal, (math.cos(self.pitch), 1.0), out=self._leaning)
         place_footholds(
-            self._nominal, math.cos(yaw), math.sin(yaw),
+            self._leaning, math.cos(yaw), math.sin(yaw),
             float(position[0] - sway.offset[0] + self.shift[0]),
             float(position[1] - sway.offset[1] + self.shift[1]),
             float(velocity[0] - sway.velocity[0]), float(velocity[1] - sway.velocity[1]),
