@@ -10,16 +10,19 @@ import numpy as np
 import pytest
 from nav_msgs.msg import Odometry
 from pymavlink.dialects.v20 import common as mavlink
+from rclpy.node import Node
 from std_srvs.srv import SetBool
 
 from husky_bringup.scripts import stop_walking
 from husky_description import graph
-from husky_description.nodes import stamps
+from husky_description.nodes import qos, stamps
 from husky_description.robot import load_robot
-from husky_msgs.msg import FanState
+from husky_msgs.msg import FanState, PropulsionCommand
 
 GRACE = 1.0
 """Wall time after which the nodes give up a silent peer in these tests [s]."""
+COMMAND_PERIOD = 0.01
+"""Between two commands [s]."""
 SHARE = 0.4
 """Of the weight, on the fans."""
 WEIGHT = float(load_robot().mass) * 9.81
@@ -206,6 +209,69 @@ class Stranger:
         self._socket.close()
 
 
+class Commanding:
+    """Commands a force at 100 Hz, and sees what is made of it."""
+
+    def __init__(self, robot: Any):
+        self.robot, self.session = robot, robot.session
+        self._node = Node("commanding", context=self.session.context)
+        self._publisher = self._node.create_publisher(
+            PropulsionCommand, graph.PROPULSION_COMMAND, qos.CONTROL
+        )
+        self._fans = robot.tap(FanState, graph.FAN_STATE)
+
+    def ask(self, force: Any, seconds: float) -> tuple[np.ndarray, np.ndarray]:
+        """Command a force in base [N] for a while; return times and the forces made."""
+        s = self.session
+        self._fans.clear()
+        command = PropulsionCommand(kind=PropulsionCommand.WRENCH)
+        command.force.x, command.force.y, command.force.z = map(float, force)
+        for _ in range(round(seconds / COMMAND_PERIOD)):
+            stamps.fill(command.stamp, round(s.time * 1e9))
+            self._publisher.publish(command)
+            s.advance(COMMAND_PERIOD)
+        return self.made()
+
+    def made(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return times [s] and the forces made in base (n, 3) [N], since the last command."""
+        messages = self._fans.drain()
+        forces = [m.wrench.force for m in messages]
+        times = np.array([stamps.to_ns(m.stamp) / 1e9 for m in messages])
+        return times, np.array([(f.x, f.y, f.z) for f in forces]).reshape(-1, 3)
+
+    def silence(self, seconds: float) -> tuple[np.ndarray, np.ndarray]:
+        """Command nothing for a while; return times and forces."""
+        self._fans.clear()
+        self.session.advance(seconds)
+        return self.made()
+
+    def arm(self) -> None:
+        """From a fresh world to an armed unit without thrust."""
+        s = self.session
+        s.inject(graph.PLANT_INJECT_FAULT, "front_left_fan", "")
+        s.reset(seed=1)
+        self.ask((0, 0, 0), 1.5)
+        s.set_flight_mode("OFFBOARD")
+        s.arm()
+        self.ask((0, 0, 0), 0.2)
+        assert s.propulsion.armed, s.propulsion
+
+    def told(self) -> np.ndarray:
+        """Return the force that /propulsion/state tells [N] (3,)."""
+        force = self.session.propulsion.force
+        return np.array((force.x, force.y, force.z))
+
+    def pushes(self, force: Any, seconds: float = 2.0) -> np.ndarray:
+        """Command a force; it is made and told. Return the forces made."""
+        times, made = self.ask(force, seconds)
+        settled = made[times > times[-1] - 0.3].mean(axis=0)
+        # Pulses of 1 us: 0.02 N a fan, 0.3 deg of the axis; the voltage is measured with noise.
+        slack = 0.02 * float(np.linalg.norm(force)) + 0.3
+        np.testing.assert_allclose(settled, force, atol=slack)
+        np.testing.assert_allclose(self.told(), settled, atol=slack)
+        return made
+
+
 @pytest.fixture(scope="module")
 def fans_of_module(new_graph: Any) -> Iterator[Fans]:
     """The graph with fans that the tests of a module share, in lockstep."""
@@ -228,6 +294,26 @@ def unit_of_module(new_graph: Any) -> Iterator[Fans]:
     }
     with new_graph(remote=True, **settings) as robot:
         yield Fans(robot)
+
+
+@pytest.fixture(scope="session")
+def commanding() -> type[Commanding]:
+    """Makes one who commands forces."""
+    return Commanding
+
+
+@pytest.fixture(scope="session")
+def held_unit() -> Any:
+    """Settings of a graph with the unit alone, held in the air, by parameters of the plant."""
+
+    def settings(**plant: Any) -> dict[str, dict[str, Any]]:
+        held = {"body": "unit", "keyframe": "stand", "start_height": 0.5, "start_held": True}
+        return {
+            graph.PLANT: {"grace": GRACE, **held, **plant},
+            graph.FLIGHT_CONTROLLER: {"grace": GRACE, "parameters": "CA_FAILURE_MODE=1"},
+        }
+
+    return settings
 
 
 @pytest.fixture

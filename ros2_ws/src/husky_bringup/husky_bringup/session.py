@@ -62,6 +62,7 @@ _PLANT_SERVICES = {
     graph.PLANT_PAUSE: SetBool,
     graph.PLANT_RESET: ResetWorld,
     graph.PLANT_APPLY_WRENCH: ApplyWrench,
+    graph.PLANT_HOLD: SetBool,
     graph.PLANT_INJECT_FAULT: InjectFault,
 }
 _LEG_SERVICES = {
@@ -429,6 +430,10 @@ class Session(GraphLink):
         request = ApplyWrench.Request(body=body, duration=float(duration))
         request.wrench.force.x, request.wrench.force.y, request.wrench.force.z = map(float, force)
         self._expect(graph.PLANT_APPLY_WRENCH, request)
+
+    def hold(self, held: bool) -> None:
+        """Hold the base in place, as strong hands would, or release it."""
+        self._expect(graph.PLANT_HOLD, SetBool.Request(data=held))
 
     def inject(self, service: str, target: str, fault: str) -> None:
         """Make a device fail, or heal it with an empty fault."""

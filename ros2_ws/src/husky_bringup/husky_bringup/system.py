@@ -13,8 +13,9 @@ ParameterValue = bool | int | float | str | tuple[float, ...]
 
 TIMES = ("lockstep", "realtime")
 """Clocks of a simulated robot."""
-_TILT_ENDS_FLIGHT = "FD_FAIL_R=45, FD_FAIL_P=45, FD_FAIL_R_TTRI=0.1"
-"""Of the unit alone, which tips over when it loses a fan; legs may stand on any slope."""
+_TILT_ENDS_FLIGHT = "FD_FAIL_R=45, FD_FAIL_P=45, FD_FAIL_R_TTRI=0.1, CA_FAILURE_MODE=0"
+"""Of the unit alone, which tips over when it loses a fan: three could hold it level, but not its
+heading, and ropes are about it. Legs may stand on any slope, and the three fans go on."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +66,7 @@ def simulated_robot(
 ) -> tuple[NodeSpec, ...]:
     """Return every node of the robot in simulation.
 
-    Which robot it is says the plant's parameter `body`.
+    Which robot it is says the plant's parameter `body`, how its fans are mounted its `mounting`.
 
     Args:
         time: one of `TIMES`.
@@ -99,11 +100,13 @@ def simulated_robot(
             "time": time,
             "inertia": flying_inertia(load_robot(), body),
         }
+        mounting = settings.get(graph.PLANT, {}).get("mounting", "")
+        fans_mounted = {"mounting": mounting} if mounting else {}
         if body == "unit":
             pixhawk["parameters"] = _TILT_ENDS_FLIGHT
         specs += [
-            NodeSpec("husky_pu", graph.FLIGHT_CONTROLLER, pixhawk),
-            NodeSpec("husky_pu", graph.PIXHAWK_BRIDGE, {"time": time}),
+            NodeSpec("husky_pu", graph.FLIGHT_CONTROLLER, {**pixhawk, **fans_mounted}),
+            NodeSpec("husky_pu", graph.PIXHAWK_BRIDGE, {"time": time, **fans_mounted}),
             NodeSpec("husky_drivers", graph.T265_DRIVER, {"clock": "device"}),
         ]
     if remote:

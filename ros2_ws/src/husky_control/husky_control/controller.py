@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from husky_control.assist import ThrustAssist
+from husky_control.climbing import LEVEL, Climbing
 from husky_control.contact import ContactObserver, ContactThresholds
 from husky_control.estimator import GRAVITY, Estimator, EstimatorNoise
 from husky_control.gait import GAITS
@@ -20,7 +21,7 @@ from husky_control.parameters import Parameters
 from husky_control.posture import PostureMove
 from husky_control.rotation import matrix_from_quaternion, tilt_of, yaw_of
 from husky_control.safety import Safety, all_finite, limit_command
-from husky_control.stance import distribute_weight
+from husky_control.stance import distribute_weight, lean_forces
 from husky_control.suspended import Suspended
 from husky_control.t265_pose import T265Pose
 from husky_control.walking import Walking
@@ -33,7 +34,12 @@ Mask = NDArray[np.bool_]
 
 TICK = 0.002  # s
 REST_SPEED = 0.08  # m/s, below which a standing body is at rest
+LIGHTEST = 0.4  # share of the weight on the feet, down to which contact thresholds shrink with it
+REST_TIME = 0.5  # s at zero command, after which the feet of a climbing robot stay down
 REST_RATE = 0.3  # rad/s, likewise
+_REHEARSAL = (
+    ("stand_up", 1000), ("walk", 200), ("stand", 500), ("wair", 20), ("stand", 20), ("sit", 20)
+)  # modes and ticks in each, before the first real tick
 TRUST_TIME = 0.02  # s, in which an unloaded stance foot loses the estimator's trust
 
 # CiA 402 modes of operation
@@ -132,10 +138,12 @@ class Controller:
         self._suspended = Suspended(robot, self.parameters.gait(self._gait_name))
         self.assist = ThrustAssist(robot, self.parameters)
         self.hover = Hover(robot)
+        self.climbing = Climbing(robot, self.parameters)
         self._fly_posture = np.zeros(JOINTS)
         self._fly_start = np.zeros(3)  # m, estimated position of the body before take-off
         self._pending_gait: str | None = None
-        self._silent_ticks = 0
+        self._silent_ticks = self._rest_ticks = 0
+        self._leaving = False  # wair: to stand, as soon as the feet are down
         # Copies: the kernels are compiled for these arrays, and the last good ones are kept.
         self._measurements = Measurements()
         self._incoming = Measurements()
@@ -145,6 +153,7 @@ class Controller:
         self._velocity_limit = np.array(robot.joint_velocity_limit, dtype=np.float64)
         self._torque_limit = np.array(robot.joint_torque_limit, dtype=np.float64)
         self._rotation = np.eye(3)
+        self._rotation_on_plane = np.eye(3)
         self._foot_in_base = np.zeros((LEGS, 3))
         self._jacobian = np.zeros((LEGS, 3, 3))
         self._foot_force = np.zeros((LEGS, 3))
@@ -164,6 +173,8 @@ class Controller:
             self._walking.stop_stepping()
             self._pending_gait = None
             return True, "stopping"
+        if name == "stand" and self.mode is Mode.WAIR:
+            return self._leave_wair()
         if name == "stand" and self.mode is Mode.FLY:
             self.hover.land()
             return True, "landing"
@@ -195,7 +206,8 @@ class Controller:
         A command that is not finite or out of range is refused whole; the last one stays.
         """
         p = self.parameters
-        forward = p[f"gait.{self._gait_name}.max_speed"]
+        gait = "climb" if self.mode is Mode.WAIR else self._gait_name
+        forward = p[f"gait.{gait}.max_speed"]
         checks = (
             ("vx", vx, forward, "m/s"),
             ("vy", vy, min(forward, p["command.max_lateral_speed"]), "m/s"),
@@ -206,7 +218,9 @@ class Controller:
                 self.counters.refused_velocity_commands += 1
                 return False, f"{name} must be within +-{limit:g} {unit}, not {value}"
         self._silent_ticks = 0
-        if self.mode is Mode.WALK and self._walking.stepping:
+        if self.mode is Mode.WAIR and not self._walking.stepping:
+            self._step_again(vx, vy, yaw_rate)
+        if self.mode in (Mode.WALK, Mode.WAIR) and self._walking.stepping:
             self._walking.reference.command[:] = vx, vy, yaw_rate
         return True, ""
 
@@ -249,6 +263,13 @@ class Controller:
         return self._measurements.orientation_base_in_world
 
     @property
+    def thrust_in_base(self) -> Array:
+        """Force asked of the fans outside of flight, (3,) N in base."""
+        force: Array = self._rotation.T @ self.climbing.thrust
+        force[2] += self.assist.force
+        return force
+
+    @property
     def contact(self) -> Mask:
         """Detected contacts, (4,) bool."""
         return self._contacts.contact
@@ -256,7 +277,7 @@ class Controller:
     @property
     def foot_force_in_world(self) -> Array:
         """Estimated ground forces on the feet, (4, 3) N."""
-        return self._contacts.foot_force
+        return self._contacts.foot_force @ self.climbing.plane
 
     @property
     def stance(self) -> Mask:
@@ -278,12 +299,12 @@ class Controller:
     @property
     def desired_position(self) -> Array:
         """Reference body position in world, (3,) m."""
-        return self._walking.body_position
+        return self._walking.body_position @ self.climbing.plane
 
     @property
     def desired_velocity(self) -> Array:
         """Reference body velocity in world, (3,) m/s."""
-        return self._walking.body_velocity
+        return self._walking.body_velocity @ self.climbing.plane
 
     @property
     def commanded_velocity(self) -> Array:
@@ -310,12 +331,13 @@ class Controller:
         forward_kinematics(
             self._geometry, m.joint_position, self._foot_in_base, self._jacobian
         )
+        np.matmul(self.climbing.plane, self._rotation, out=self._rotation_on_plane)
         self._estimate(m)
         if self.mode in ACTIVE:
             reason = self._safety.check(
                 m.joint_position,
                 m.joint_torque,
-                tilt_of(self._rotation),
+                self._lean(),
                 m.joint_age_ticks,
                 m.imu_age,
                 m.drives_operational,
@@ -332,8 +354,22 @@ class Controller:
             m.angular_velocity_base_in_base,
             TICK,
         )
-        self._walking.lift = self.assist.lift_in_world(self._rotation)
+        if self.mode is Mode.WAIR:
+            self._climb(m.fans_available)
+            if self.climbing.lost:
+                self._follow_event(Event.LOST, "the fans are lost on an incline: crouching")
+        else:
+            self.climbing.fade(TICK)
+            self._walking.thrust[2] = self.assist.lift_in_world(self._rotation)
         return self._limited(self._output())
+
+    def _lean(self) -> float:
+        """Angle of the body's z axis from where it shall point: up, or what an incline asks for."""
+        if not self.climbing.active:
+            return tilt_of(self._rotation)
+        wanted = self._walking.body_rotation[:, 2]
+        cosine = float(self._rotation_on_plane[:, 2] @ wanted)
+        return math.acos(min(1.0, max(-1.0, cosine)))
 
     def _estimate(self, m: Measurements) -> None:
         clock = self._walking.clock
@@ -341,7 +377,7 @@ class Controller:
             m.joint_velocity,
             m.joint_torque,
             self._jacobian,
-            self._rotation,
+            self._rotation_on_plane,
             clock.swing_progress,
             self._thresholds,
             TICK,
@@ -353,6 +389,7 @@ class Controller:
             self._estimate_in_flight()
             return
         self._trust_feet()
+        self._estimator.normal[:] = self.climbing.normal
         self._estimator.update(
             self._rotation,
             m.angular_velocity_base_in_base,
@@ -418,7 +455,7 @@ class Controller:
             command.velocity[:] = self._move.joint_velocity
             if mode is Mode.STAND_UP and self._move.done:
                 self._follow_event(Event.DONE, "body raised")
-        elif mode is Mode.STAND or mode is Mode.WALK:
+        elif mode is Mode.STAND or mode is Mode.WALK or mode is Mode.WAIR:
             self._walk()
             command.mode_of_operation = CYCLIC_POSITION
             command.position[:] = self._walking.joint_position
@@ -448,19 +485,20 @@ class Controller:
 
     def _walk(self) -> None:
         m, walking = self._measurements, self._walking
-        if self.mode is Mode.WALK:
+        plane = self.climbing.plane
+        if self.mode is Mode.WALK or self.mode is Mode.WAIR:
             self._silent_ticks += 1
             if walking.stepping and self._silent_ticks * TICK > self.parameters["command.timeout"]:
                 self.counters.command_timeouts += 1
                 walking.stop_stepping()
                 self.reason = "velocity command silent"
         walking.tick(
-            self._rotation,
+            self._rotation_on_plane,
             m.angular_velocity_base_in_base,
-            self._estimator.position,
-            self._estimator.velocity,
+            plane @ self._estimator.position,
+            plane @ self._estimator.velocity,
             self._foot_in_base,
-            self._estimator.foot_in_world,
+            self._estimator.foot_in_world @ plane.T,
             self._contacts.contact,
             self._contacts.foot_force,
             TICK,
@@ -468,6 +506,62 @@ class Controller:
         self.counters.out_of_reach = walking.out_of_reach
         if self.mode is Mode.WALK and walking.stopped:
             self._follow_event(Event.DONE, "feet down")
+        if self.mode is Mode.WAIR and self._leaving and self._holds("level"):
+            self._follow_event(Event.DONE, "level, feet down")
+
+    def _climb(self, fans: bool) -> None:
+        """Mode wair: turn the ground's frame to the incline, and ask the fans for their part."""
+        climbing, walking = self.climbing, self._walking
+        standing = self._contacts.contact & ~walking.clock.swinging
+        error = walking.reference.velocity - (climbing.plane @ self._estimator.velocity)[:2]
+        climbing.tick(
+            self._estimator.foot_in_world, standing, walking.clock.touchdown,
+            self._rotation[:, 1], error, fans, TICK,
+        )
+        if climbing.turning:
+            walking.turn(climbing.turn)
+        np.matmul(climbing.plane, self._rotation, out=self._rotation_on_plane)
+        walking.gravity[:] = climbing.gravity
+        walking.thrust[:] = climbing.given_in_plane
+        walking.pitch = climbing.pitch
+        walking.bend = climbing.bend()
+        light = min(1.0, max(LIGHTEST, climbing.lightness))
+        full = self._full_thresholds
+        self._thresholds = ContactThresholds(
+            light * full.touchdown, light * full.early, light * full.liftoff
+        )
+        slope = climbing.load_slope()
+        walking.load_slope = slope
+        height = float(self._walking.height)
+        walking.shift[:] = -height * slope[0], -height * slope[1]
+        silent = self._silent_ticks * TICK
+        if walking.reference.command.any():
+            self._rest_ticks = 0
+        else:
+            self._rest_ticks += 1
+        rested = self._rest_ticks * TICK > REST_TIME and walking.reference.at_rest
+        if walking.stepping and (rested or silent > self.parameters["command.timeout"]):
+            walking.stop_stepping()
+
+    def _step_again(self, vx: float, vy: float, yaw_rate: float) -> None:
+        """Mode wair: a command that is not zero sets the feet in motion."""
+        walking = self._walking
+        if self._leaving or not (vx or vy or yaw_rate) or not walking.stopped:
+            return
+        self._rest_ticks = 0
+        walking.start_stepping(
+            self.parameters.gait("climb"), self.climbing.plane @ self._estimator.position
+        )
+
+    def _leave_wair(self) -> tuple[bool, str]:
+        """Stand as on the flat, when the robot is on the flat."""
+        slope = math.degrees(self.climbing.slope)
+        if slope > math.degrees(LEVEL):
+            self.counters.refused_requests += 1
+            return False, f"stand refused: the robot is on an incline of {slope:.0f} deg"
+        self._leaving = True
+        self._walking.stop_stepping()
+        return True, "stopping"
 
     def _fly(self) -> None:
         """Fly, or spool up and down; the legs keep their posture and carry what the fans do not."""
@@ -526,9 +620,10 @@ class Controller:
                 [gather, self.parameters["stand.duration"]],
             )
         elif mode is Mode.SIT:
+            p, lost = self.parameters, row.event is Event.LOST
             self._move.start(
                 [self.command.position, robot.sit_joint_position],
-                [self.parameters["stand.duration"]],
+                [p["wair.crouch_time"] if lost else p["stand.duration"]],
             )
         elif mode is Mode.STAND and row.event is Event.DONE and Mode.STAND_UP in row.sources:
             forward_kinematics(
@@ -548,6 +643,12 @@ class Controller:
             self._suspended.tread(self.parameters.gait(self._gait_name))
         elif mode is Mode.FLY:
             self._take_off()
+        elif mode is Mode.WAIR:
+            self._leaving = False
+            self._silent_ticks = 0
+            self.climbing.begin(self._estimator.foot_in_world)
+        elif mode is Mode.STAND and Mode.WAIR in row.sources:
+            self._level()
         elif mode is Mode.STAND and Mode.FLY in row.sources:
             self._stand_again()
         elif mode is Mode.WALK:
@@ -558,8 +659,24 @@ class Controller:
 
         if mode in (Mode.DAMPING, Mode.EMERGENCY_STOP):
             self.assist.withhold()
+        # A robot that crouches on an incline keeps its frame.
+        if mode not in (Mode.WAIR, Mode.STAND, Mode.SIT) and self.climbing.active:
+            self._level()
         if mode not in (Mode.FLY, Mode.STAND) and self.hover.active:
             self.hover.end(at_once=mode is Mode.EMERGENCY_STOP)
+
+    def _level(self) -> None:
+        """Back from an incline: the ground's frame is the world's again."""
+        walking = self._walking
+        walking.turn(self.climbing.plane.T.copy())
+        self.climbing.end()
+        walking.gravity[:] = 0.0, 0.0, -GRAVITY
+        walking.thrust.fill(0.0)
+        walking.shift.fill(0.0)
+        walking.load_slope = (0.0, 0.0)
+        walking.bend = None
+        walking.pitch = 0.0
+        self._thresholds = self._full_thresholds
 
     def _take_off(self) -> None:
         """Begin a flight from standing; the fans go on with what they help already."""
@@ -574,7 +691,7 @@ class Controller:
         """The flight is over: stand on the posture that it ended in."""
         self.hover.finish()
         forward_kinematics(self._geometry, self._fly_posture, self._foot_force, self._jacobian)
-        self._walking.lift = 0.0
+        self._walking.thrust.fill(0.0)
         self._walking.begin(
             self._rotation,
             self._estimator.position,
@@ -608,6 +725,8 @@ class Controller:
             return tilt_of(self._rotation) < self.parameters["safety.max_tilt"]
         if condition == "stopped":
             return self._walking.stopped
+        if condition == "level":
+            return self._walking.stopped and self.climbing.slope < LEVEL
         if condition == "at_rest":
             speed = math.hypot(*self._estimator.velocity[:2])
             turning = math.hypot(*m.angular_velocity_base_in_base)
@@ -646,9 +765,10 @@ class Controller:
         if p.revision == self._revision:
             return
         self._revision = p.revision
-        self._thresholds = ContactThresholds(
+        self._full_thresholds = ContactThresholds(
             p["contact.touchdown_force"], p["contact.early_force"], p["contact.liftoff_force"]
         )
+        self._thresholds = self._full_thresholds
         self._noise = EstimatorNoise(
             p["estimator.acceleration"],
             p["estimator.foot_drift"],
@@ -674,9 +794,10 @@ class Controller:
         """Rehearse standing, walking and sitting with a second controller: numba compiles now."""
         parameters = Parameters({"stand.duration": 0.5, "stand.joint_speed": 5.0})
         rehearsal = Controller(self.robot, parameters, warm_up=False)
+        lean_forces(np.eye(3), 0.0, 0.0, np.zeros((LEGS, 3)))
         m = Measurements(drives_operational=True)
         m.joint_position[:] = self.robot.sit_joint_position
-        for mode, ticks in (("stand_up", 1000), ("walk", 200), ("stand", 500), ("sit", 20)):
+        for mode, ticks in _REHEARSAL:
             rehearsal.tick(m)
             accepted, message = rehearsal.request_mode(mode)
             if not accepted:

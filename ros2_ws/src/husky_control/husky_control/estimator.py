@@ -88,6 +88,7 @@ def estimate(
     joint_velocity: Array,
     trust: Array,
     foot_radius: float,
+    normal: Array,
     noise: EstimatorNoise,
     dt: float,
     position: Array,
@@ -110,6 +111,8 @@ def estimate(
         joint_velocity: (12,) rad/s.
         trust: (4,) 0 for a foot in the air to 1 for a foot firmly on the ground.
         foot_radius: m.
+        normal: (3,) unit vector in world, of the ground that the feet roll on; only level ground
+            (0, 0, 1) is believed to be at height zero.
         noise: standard deviations.
         dt: s.
         position: (3,) m, base in world, updated.
@@ -144,6 +147,7 @@ def estimate(
         sz = w[2] + pitch_rate * math.sin(frontal)
         spin_x = r[0, 0] * sx + r[0, 1] * sy + r[0, 2] * sz
         spin_y = r[1, 0] * sx + r[1, 1] * sy + r[1, 2] * sz
+        spin_z = r[2, 0] * sx + r[2, 1] * sy + r[2, 2] * sz
         # Foot centre relative to the base, and its rate, in world.
         ux = w[1] * fz - w[2] * fy
         uy = w[2] * fx - w[0] * fz
@@ -166,7 +170,7 @@ def estimate(
             foot[leg, 2] = position[2] + rel_z
             _restart_foot(horizontal, index, place_variance)
             _restart_foot(vertical, index, place_variance)
-            if touching:
+            if touching and normal[2] == 1.0:
                 # The ground is level about zero: holds the height against drift.
                 _update(vertical, index, -1, noise.ground_height * noise.ground_height, gain)
                 error = foot_radius - foot[leg, 2]
@@ -177,10 +181,13 @@ def estimate(
             in_contact[leg] = touching
         if not touching:
             continue
-        # A sphere that rolls: its centre moves at spin x (radius up).
-        roll_x, roll_y = foot_radius * spin_y, -foot_radius * spin_x
+        # A sphere that rolls: its centre moves at spin x (radius normal).
+        roll_x = foot_radius * (spin_y * normal[2] - spin_z * normal[1])
+        roll_y = foot_radius * (spin_z * normal[0] - spin_x * normal[2])
+        roll_z = foot_radius * (spin_x * normal[1] - spin_y * normal[0])
         foot[leg, 0] += roll_x * dt
         foot[leg, 1] += roll_y * dt
+        foot[leg, 2] += roll_z * dt
         # Where the foot is.
         variance = place_variance / trust[leg]
         _update(horizontal, index, 0, variance, gain)
@@ -203,7 +210,7 @@ def estimate(
         speed_variance = noise.foot_velocity * noise.foot_velocity / trust[leg]
         ex = roll_x - rate_x - velocity[0]
         ey = roll_y - rate_y - velocity[1]
-        ez = -rate_z - velocity[2]
+        ez = roll_z - rate_z - velocity[2]
         for axes in range(2):
             covariance = horizontal if axes == 0 else vertical
             square = ex * ex + ey * ey if axes == 0 else ez * ez
@@ -235,6 +242,7 @@ class Estimator:
         self.position = np.zeros(3)
         self.velocity = np.zeros(3)
         self.foot_in_world = np.zeros((LEGS, 3))
+        self.normal = np.array([0.0, 0.0, 1.0])  # of the ground, in world
         self.horizontal = np.zeros((STATES, STATES))
         self.vertical = np.zeros((STATES, STATES))
         self._in_contact = np.zeros(LEGS, dtype=np.bool_)
@@ -276,6 +284,7 @@ class Estimator:
             joint_velocity,
             trust,
             self.foot_radius,
+            self.normal,
             noise,
             dt,
             self.position,

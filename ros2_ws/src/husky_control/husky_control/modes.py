@@ -14,6 +14,7 @@ class Mode(Enum):
     STAND_UP = "stand_up"
     STAND = "stand"
     WALK = "walk"
+    WAIR = "wair"
     FLY = "fly"
     HANG = "hang"
     TREAD = "tread"
@@ -27,6 +28,7 @@ DESCRIPTIONS: dict[Mode, str] = {
     Mode.STAND_UP: "gathers the legs, then raises the body",
     Mode.STAND: "holds the body over four feet",
     Mode.WALK: "steps in a gait; also while it comes to a stop",
+    Mode.WAIR: "walks up and down inclines, held against them by the fans; stands at speed zero",
     Mode.FLY: "hovers on the fans, legs in the standing posture; also take-off and landing",
     Mode.HANG: "holds the standing posture without the ground, for a robot in ropes",
     Mode.TREAD: "steps in place under its hips, in the base's frame, for a robot in ropes (T40)",
@@ -45,6 +47,7 @@ class Event(Enum):
     REQUEST = "request"
     DONE = "done"
     FAULT = "fault"
+    LOST = "lost"
 
 
 @dataclass(frozen=True)
@@ -67,6 +70,7 @@ CONDITIONS: dict[str, str] = {
     "at_rest": "the body is still moving",
     "fans_available": "the fans are not armed or do not follow",
     "pose_fresh": "the T265 gives no pose, or a doubtful one",
+    "level": "the robot is still stepping, or stands on an incline",
     "landed": "the legs do not carry the weight yet",
     "posture_reached": "the legs are still on their way to the posture",
     "feet_still": "the feet are still stepping",
@@ -98,6 +102,11 @@ TRANSITIONS: tuple[Transition, ...] = (
     _row(Mode.STAND,          Event.REQUEST, Mode.SIT,      ("sit",), ("at_rest",)),
     _row(Mode.WALK,           Event.DONE,    Mode.STAND,    conditions=("stopped",),
          label="stand requested, gait changed or command silent; all feet down"),
+    _row(Mode.STAND,          Event.REQUEST, Mode.WAIR,     ("wair",), (*_READY, "at_rest")),
+    _row(Mode.WAIR,           Event.DONE,    Mode.STAND,    conditions=("level",),
+         label="stand requested; level, all feet down"),
+    _row(Mode.WAIR,           Event.LOST,    Mode.SIT,
+         label="fans lost where they are needed"),
     _row(Mode.STAND,          Event.REQUEST, Mode.FLY,      ("fly",),
          (*_READY, "at_rest", "fans_available", "pose_fresh")),
     _row(Mode.FLY,            Event.DONE,    Mode.STAND,    conditions=("landed",),

@@ -177,6 +177,24 @@ def distribute_weight(
 
 
 @njit(cache=True)
+def lean_forces(rotation: Array, slope_x: float, slope_y: float, foot_force: Array) -> None:
+    """Give normal foot forces their share of the tangential load: all in one direction.
+
+    Args:
+        rotation: (3, 3), base to the frame of the ground.
+        slope_x: tangential over normal force along the ground's x.
+        slope_y: the same along y.
+        foot_force: (4, 3) N on the foot, in base, along the ground's normal; updated.
+    """
+    for leg in range(LEGS):
+        f = 0.0
+        for k in range(3):
+            f += rotation[2, k] * foot_force[leg, k]
+        for k in range(3):
+            foot_force[leg, k] += f * (slope_x * rotation[0, k] + slope_y * rotation[1, k])
+
+
+@njit(cache=True)
 def internal_load(foot_in_base: Array, force: Array, desired: Array, load: Array) -> None:
     """Share of the feet's load errors that neither carries nor turns the body, for four feet.
 

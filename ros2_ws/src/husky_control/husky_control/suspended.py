@@ -42,6 +42,8 @@ class Suspended:
         self._move = PostureMove()
         self._treading = False
         self._nominal = np.zeros((LEGS, 3))
+        self._place = np.zeros((LEGS, 2))
+        self._ground = np.zeros(LEGS)
         self._foot = np.zeros((LEGS, 3))
         self._foot_velocity = np.zeros((LEGS, 3))
         self._no_force = np.zeros((LEGS, 3))
@@ -59,6 +61,7 @@ class Suspended:
             self._geometry, np.ascontiguousarray(posture), self._nominal, self._scratch_jacobian
         )
         self._foot[:] = self._nominal
+        self._place[:], self._ground[:] = self._nominal[:, :2], self._nominal[:, 2]
         self._foot_velocity.fill(0.0)
 
     @property
@@ -93,9 +96,8 @@ class Suspended:
         self._foot[down] = self._nominal[down]
         self._foot_velocity[down] = 0.0
         swing_feet(
-            clock.swinging, clock.swing_progress, clock.swing_time, self._nominal[:, :2],
-            float(self._nominal[:, 2].mean()), gait.swing_height, 0.0, 0.0, self._nominal[:, 2],
-            dt, self._foot, self._foot_velocity,
+            clock.swinging, clock.swing_progress, clock.swing_time, self._place, self._ground,
+            gait.swing_height, 0.0, 0.0, self._ground, dt, self._foot, self._foot_velocity,
         )
         leg_commands(
             self._geometry, self._foot, self._foot_velocity, self._no_force, self._lower,

@@ -20,7 +20,7 @@ def swing_feet(
     progress: Array,
     swing_time: float,
     foothold: Array,
-    ground: float,
+    ground: Array,
     swing_height: float,
     search_speed: float,
     search_depth: float,
@@ -41,7 +41,7 @@ def swing_feet(
         progress: (4,) 0 at liftoff to 1 at the scheduled touchdown.
         swing_time: s.
         foothold: (4, 2) m in world.
-        ground: m, height of a standing foot's centre in world.
+        ground: (4,) m, height in world of each foot's centre when it stands on its foothold.
         swing_height: m.
         search_speed: m/s, of the late descent.
         search_depth: m, most of the late descent.
@@ -63,7 +63,7 @@ def swing_feet(
             position[leg, axis] += velocity[leg, axis] * dt + 0.5 * acceleration * dt * dt
             velocity[leg, axis] += acceleration * dt
         if s < 1.0:
-            rise = ground - start_height[leg]
+            rise = ground[leg] - start_height[leg]
             bump = 16.0 * s * s * (1.0 - s) * (1.0 - s)
             bump_slope = 32.0 * s * (1.0 - s) * (1.0 - 2.0 * s)
             position[leg, 2] = (
@@ -72,7 +72,7 @@ def swing_feet(
             velocity[leg, 2] = (
                 rise * 6.0 * s * (1.0 - s) + swing_height * bump_slope
             ) / swing_time
-        elif position[leg, 2] > ground - search_depth:
+        elif position[leg, 2] > ground[leg] - search_depth:
             position[leg, 2] -= search_speed * dt
             velocity[leg, 2] = -search_speed
         else:

@@ -27,7 +27,7 @@ from husky_control.kinematics import (
 )
 from husky_control.rotation import matrix_from_roll_pitch_yaw, yaw_of
 from husky_control.stability import static_margin
-from husky_control.stance import distribute_weight, foot_targets, internal_load
+from husky_control.stance import distribute_weight, foot_targets, internal_load, lean_forces
 from husky_control.swing import swing_feet
 from husky_control.velocity_reference import VelocityReference
 
@@ -42,6 +42,7 @@ STOP_SPEED = 0.10  # m/s, of the velocity error, below which feet may stay down 
 CATCH_UP_SHARE = 0.3  # of its greatest speed, at which a static gait makes up for position error
 RANGE_MARGIN = 0.03  # rad, that joint targets keep from the ends of their ranges
 MOST_SHARE = 0.7  # of the weight that one foot carries, also when it lands before its partner
+MOST_RISE = 0.10  # m, of a foot's own ground over the feet's plane
 READY_SHARE = 0.7  # of the gait's static margin, at which a leg of the crawl may lift
 
 
@@ -53,7 +54,13 @@ class Walking:
         self.geometry = leg_geometry(robot)
         self.parameters = parameters
         self.mass = float(robot.mass)
-        self.lift = 0.0  # N, upward, that something else than the legs gives
+        # In the frame of the ground, z its normal: world, or the plane of an incline.
+        self.gravity = np.array([0.0, 0.0, -GRAVITY])  # m/s^2
+        self.thrust = np.zeros(3)  # N, force on the body that something else than the legs gives
+        self.shift = np.zeros(2)  # m, of the feet, so that the load passes through the body
+        self.load_slope = (0.0, 0.0)  # tangential over normal load of the feet, along x and y
+        self.bend: Array | None = None  # (4, 2) -, rise per way of each foot's ground, if it bends
+        self.pitch = 0.0  # rad, desired, relative to the ground
         self.stand_height = float(robot.stand_height)
         self.foot_radius = float(robot.foot_radius)
         self.clock = GaitClock(gait)
@@ -74,6 +81,7 @@ class Walking:
         self._sway_leg = -1
         self._hop = Hop()
         self._nominal = np.zeros((LEGS, 2))
+        self._leaning = np.zeros((LEGS, 2))  # the same under a body that is pitched
         self._masses = leg_masses(robot)
         self._lower = np.array(robot.joint_lower) + RANGE_MARGIN
         self._upper = np.array(robot.joint_upper) - RANGE_MARGIN
@@ -84,6 +92,8 @@ class Walking:
         self._swing_position = np.zeros((LEGS, 3))
         self._swing_velocity = np.zeros((LEGS, 3))
         self._start_height = np.zeros(LEGS)
+        self._start_place = np.zeros((LEGS, 2))
+        self._grounds = np.zeros(LEGS)
         self._remaining = np.zeros(LEGS)
         self._place = np.zeros(LEGS, dtype=np.bool_)
         self._velocity_at_event = np.zeros(2)
@@ -141,6 +151,11 @@ class Walking:
         """Bring the velocity to zero, then keep each foot on the ground where it comes down."""
         self.reference.command.fill(0.0)
         self.stepping = False
+
+    @property
+    def height(self) -> float:
+        """Of the reference body over the feet's plane, m."""
+        return self._height
 
     @property
     def stopped(self) -> bool:
@@ -283,7 +298,7 @@ class Walking:
         else:
             self._sway.reset()
             self._hop.height = self._hop.acceleration = self._hop.end_speed = 0.0
-            centre = self._anchor[:, :2].mean(axis=0)
+            centre = self._anchor[:, :2].mean(axis=0) - self.shift
             for i in range(2):
                 body[i] = min(0.05, max(-0.05, 2.0 * (centre[i] - self.body_position[i])))
             self.reference.position[:] = centre
@@ -294,7 +309,29 @@ class Walking:
         body[2] = step / dt + (self._hop.speed if hop else 0.0)
         self.body_position[:2] += body[:2] * dt
         self.body_position[2] = self._ground + self._height + hop
-        matrix_from_roll_pitch_yaw(0.0, 0.0, self.reference.yaw, self.body_rotation)
+        matrix_from_roll_pitch_yaw(0.0, self.pitch, self.reference.yaw, self.body_rotation)
+
+    def turn(self, turn: Array) -> None:
+        """Express all that is remembered in a frame of the ground that has turned.
+
+        Args:
+            turn: (3, 3), the old frame to the new one, about their common origin.
+        """
+        below = np.array([self.body_position[0], self.body_position[1], self._ground])
+        lag = self.reference.position - self.body_position[:2]
+        yaw = self.reference.yaw
+        starts = np.column_stack((self._start_place, self._start_height)) @ turn.T
+        holds = np.column_stack((self.foothold, np.full(LEGS, self._ground))) @ turn.T
+        self._ground = float(turn[2] @ below)
+        self._start_place[:], self._start_height[:] = starts[:, :2], starts[:, 2]
+        self.foothold[:] = holds[:, :2]
+        for points in (self._anchor, self._swing_position, self._swing_velocity):
+            points[:] = points @ turn.T
+        self.body_position[:] = turn @ self.body_position
+        self.body_velocity[:] = turn @ self.body_velocity
+        self.reference.position[:] = self.body_position[:2] + lag
+        ahead = turn @ np.array([math.cos(yaw), math.sin(yaw), 0.0])
+        self.reference.yaw = math.atan2(float(ahead[1]), float(ahead[0]))
 
     def _events(
         self,
@@ -316,6 +353,7 @@ class Walking:
                 self._swing_position[leg] = position + rotation @ self._foot_target[leg]
                 self._swing_velocity[leg] = 0.0
                 self._start_height[leg] = self._swing_position[leg, 2]
+                self._start_place[leg] = self._swing_position[leg, :2]
         dx = velocity[0] - self._velocity_at_event[0]
         dy = velocity[1] - self._velocity_at_event[1]
         if any_event or math.hypot(dx, dy) >= self.parameters["foothold.disturbance"]:
@@ -353,9 +391,11 @@ class Walking:
         p, clock, gait, sway = self.parameters, self.clock, self.clock.gait, self._sway
         np.subtract(1.0, clock.swing_progress, out=self._remaining)
         self._remaining *= clock.swing_time
+        np.multiply(self._nominal, (math.cos(self.pitch), 1.0), out=self._leaning)
         place_footholds(
-            self._nominal, math.cos(yaw), math.sin(yaw),
-            float(position[0] - sway.offset[0]), float(position[1] - sway.offset[1]),
+            self._leaning, math.cos(yaw), math.sin(yaw),
+            float(position[0] - sway.offset[0] + self.shift[0]),
+            float(position[1] - sway.offset[1] + self.shift[1]),
             float(velocity[0] - sway.velocity[0]), float(velocity[1] - sway.velocity[1]),
             self.reference.velocity, float(self.reference.ramped[2]), self._remaining,
             clock.stance_time, p["foothold.velocity_gain"], p["foothold.reach"],
@@ -364,9 +404,20 @@ class Walking:
         self._place.fill(False)
         swing_feet(
             clock.swinging, clock.swing_progress, clock.swing_time, self.foothold,
-            self._ground, gait.swing_height, p["walk.search_speed"], p["walk.search_depth"],
-            self._start_height, dt, self._swing_position, self._swing_velocity,
+            self._expected_grounds(), gait.swing_height, p["walk.search_speed"],
+            p["walk.search_depth"], self._start_height, dt,
+            self._swing_position, self._swing_velocity,
         )
+
+    def _expected_grounds(self) -> Array:
+        """Heights (4,) m at the footholds: of the feet's plane, or as a foot's ground goes on."""
+        self._grounds.fill(self._ground)
+        if self.bend is not None:
+            for leg in range(LEGS):
+                way = self.foothold[leg] - self._start_place[leg]
+                rise = self._start_height[leg] - self._ground + float(self.bend[leg] @ way)
+                self._grounds[leg] += min(MOST_RISE, max(-MOST_RISE, rise))
+        return self._grounds
 
     def _even_out(self, foot_in_base: Array, foot_force: Array, dt: float) -> None:
         """Let four standing feet share the load: legs yield where they press against each other."""
@@ -396,15 +447,22 @@ class Walking:
             self.geometry, self._masses, self.joint_position, self._scratch_foot, self._center
         )
         stiffness, damping = p["walk.attitude_stiffness"], p["walk.attitude_damping"]
-        weight = self.mass * (GRAVITY + self._hop.acceleration) * p["walk.weight_share"]
-        weight = max(0.0, weight - self.lift)
+        weight = self.mass * (self._hop.acceleration - self.gravity[2]) * p["walk.weight_share"]
+        weight = max(0.0, weight - self.thrust[2])
         moment_x = moment_y = 0.0
         if stiffness or damping:
             w = rotation @ angular_velocity
             # Tilt as a rotation vector in world: z_base x z_world.
             moment_x = stiffness * rotation[1, 2] - damping * w[0]
             moment_y = -stiffness * rotation[0, 2] - damping * w[1]
+        slope_x, slope_y = self.load_slope
+        if slope_x or slope_y:
+            # Tangential forces act below the centre of mass and turn the body as well.
+            moment_x -= self._height * slope_y * weight
+            moment_y += self._height * slope_x * weight
         distribute_weight(
             foot_in_base, self._center, self._share, rotation, weight, moment_x, moment_y,
             MOST_SHARE * weight, self._foot_force,
         )
+        if slope_x or slope_y:
+            lean_forces(rotation, slope_x, slope_y, self._foot_force)

@@ -73,7 +73,7 @@ def test_a_stopped_robot_moves_again_only_by_way_of_passive(mode):
 
 def test_legs_carry_the_body_only_after_standing_up():
     sources = {mode for row in TRANSITIONS if row.target is Mode.STAND for mode in row.sources}
-    assert sources == {Mode.STAND_UP, Mode.WALK, Mode.FLY}
+    assert sources == {Mode.STAND_UP, Mode.WALK, Mode.WAIR, Mode.FLY}
     assert {mode for row in TRANSITIONS if row.target is Mode.WALK for mode in row.sources} == {
         Mode.STAND
     }

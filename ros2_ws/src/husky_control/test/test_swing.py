@@ -24,7 +24,7 @@ def swing(time, goal=lambda s: GOAL, overtime=0.0, ground=GROUND):
         s = min(1.0, tick / ticks)
         foothold = np.tile(goal(s), (4, 1))
         swing_feet(
-            swinging, np.array([s, -1.0, -1.0, -1.0]), time, foothold, ground, HEIGHT,
+            swinging, np.array([s, -1.0, -1.0, -1.0]), time, foothold, np.full(4, ground), HEIGHT,
             SPEED, DEPTH, start_height, DT, position, velocity,
         )
         path.append(position[0].copy())

@@ -49,6 +49,7 @@ PLANT_RESET = "/plant/reset"
 PLANT_PAUSE = "/plant/pause"
 PLANT_STEP = "/plant/step"
 PLANT_APPLY_WRENCH = "/plant/apply_wrench"
+PLANT_HOLD = "/plant/hold"
 PLANT_INJECT_FAULT = "/plant/inject_fault"
 
 # Nodes
@@ -124,9 +125,7 @@ TOPICS = (
         "CONTROL",
         100.0,
     ),
-    Topic(
-        PROPULSION_STATE, "husky_msgs/msg/PropulsionState", (PIXHAWK_BRIDGE,), "STATUS", 50.0
-    ),
+    Topic(PROPULSION_STATE, "husky_msgs/msg/PropulsionState", (PIXHAWK_BRIDGE,), "STATUS", 50.0),
     Topic(BATTERY, "sensor_msgs/msg/BatteryState", (PIXHAWK_BRIDGE,), "STATUS", 10.0),
     Topic(T265_ODOMETRY, "nav_msgs/msg/Odometry", (T265_DRIVER,), "CONTROL", 200.0),
     Topic(ROBOT_DESCRIPTION, "std_msgs/msg/String", (DRIVE_BRIDGE,), "LATCHED", 0.0),

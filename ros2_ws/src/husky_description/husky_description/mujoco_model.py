@@ -111,12 +111,16 @@ def build_unit_spec(robot: Robot) -> mujoco.MjSpec:
     return spec
 
 
-def flying_inertia(robot: Robot, body: str) -> tuple[float, float, float]:
-    """Return the inertia about roll, pitch and yaw through the centre of mass [kg m^2].
+def composite_inertia(robot: Robot, body: str = "robot") -> tuple[Array, Array]:
+    """Return centre of mass and inertia of everything as it stands, as one rigid body.
 
     Args:
         robot: its numbers.
         body: `unit`, or anything else for the standing robot.
+
+    Returns:
+        Centre of mass in base [m] (3,), and the inertia about it along the base's axes
+        [kg m^2] (3, 3).
     """
     spec = build_unit_spec(robot) if body == "unit" else build_spec(robot)
     model = spec.compile()
@@ -124,13 +128,25 @@ def flying_inertia(robot: Robot, body: str) -> tuple[float, float, float]:
     mujoco.mj_resetDataKeyframe(model, data, model.key("stand").id)
     mujoco.mj_forward(model, data)
     base = model.body("base").id
-    inertia = np.zeros(3)
+    inertia = np.zeros((3, 3))
     for index in range(base, model.nbody):
         offset = data.xipos[index] - data.subtree_com[base]
         axes = data.ximat[index].reshape(3, 3)
-        own = axes**2 @ model.body_inertia[index]
-        inertia += own + model.body_mass[index] * (offset @ offset - offset**2)
-    roll, pitch, yaw = (round(float(value), 4) for value in inertia)
+        own = axes * model.body_inertia[index] @ axes.T
+        far = offset @ offset * np.eye(3) - np.outer(offset, offset)
+        inertia += own + model.body_mass[index] * far
+    return data.subtree_com[base] - data.xpos[base], 0.5 * (inertia + inertia.T)
+
+
+def flying_inertia(robot: Robot, body: str) -> tuple[float, float, float]:
+    """Return the inertia about roll, pitch and yaw through the centre of mass [kg m^2].
+
+    Args:
+        robot: its numbers.
+        body: `unit`, or anything else for the standing robot.
+    """
+    _, inertia = composite_inertia(robot, body)
+    roll, pitch, yaw = (round(float(value), 4) for value in np.diag(inertia))
     return roll, pitch, yaw
 
 

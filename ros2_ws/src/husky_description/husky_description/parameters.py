@@ -20,6 +20,17 @@ class Bounds(NamedTuple):
     integer: bool
 
 
+class Choice(NamedTuple):
+    """Words that a field may be."""
+
+    allowed: tuple[str, ...]
+
+
+def choice(*allowed: str) -> Choice:
+    """Words that a field may be."""
+    return Choice(allowed)
+
+
 def number(lower: float, upper: float) -> Bounds:
     """Bounds of a scalar field within [lower, upper]."""
     return Bounds(lower, upper, 0, False)
@@ -46,14 +57,15 @@ def read_section(section: type[Section], values: Any, name: str) -> Section:
     """Make a `section` from a mapping.
 
     Args:
-        section: Dataclass whose fields are annotated with `number`, `count` or `vector`, as in
-            `mass: Annotated[float, number(0.1, 50.0)]`.
-        values: Mapping from field names to numbers, as YAML gives it.
+        section: Dataclass whose fields are annotated with `number`, `count`, `vector` or `choice`,
+            as in `mass: Annotated[float, number(0.1, 50.0)]`.
+        values: Mapping from field names to values, as YAML gives it.
         name: Dotted name of the section, for messages.
 
     Raises:
         ValueError: A key is unknown or missing, or a number is not finite, of the wrong type or
-            out of range. The message names the dotted key, the value and what is allowed.
+            out of range, or a word is not allowed. The message names the dotted key, the value
+            and what is allowed.
     """
     declared = bounds_of(section)
     check_keys(values, set(declared), name)
@@ -62,8 +74,8 @@ def read_section(section: type[Section], values: Any, name: str) -> Section:
     )
 
 
-def bounds_of(section: type[Any]) -> dict[str, Bounds]:
-    """Bounds of every field of a section."""
+def bounds_of(section: type[Any]) -> dict[str, Bounds | Choice]:
+    """Bounds, or the words allowed, of every field of a section."""
     hints = get_type_hints(section, include_extras=True)
     return {key: hint.__metadata__[0] for key, hint in hints.items()}
 
@@ -81,8 +93,12 @@ def check_keys(values: Any, expected: set[str], name: str) -> None:
             raise ValueError(f"{prefix}{key}: missing")
 
 
-def read_value(value: Any, bounds: Bounds, key: str) -> Any:
-    """Check one value against its bounds; returns a float, an int or a frozen array."""
+def read_value(value: Any, bounds: Bounds | Choice, key: str) -> Any:
+    """Check one value against its bounds; returns a float, an int, a frozen array or a word."""
+    if isinstance(bounds, Choice):
+        if value not in bounds.allowed:
+            raise ValueError(f"{key}: {value!r} is not one of {', '.join(bounds.allowed)}")
+        return value
     if bounds.size:
         if not isinstance(value, list | tuple | np.ndarray) or len(value) != bounds.size:
             raise ValueError(f"{key}: {value!r} is not a list of {bounds.size} numbers")

@@ -52,6 +52,7 @@ _SECTIONS: dict[str, type[Any]] = {
     "imu": sections.Imu,
     "t265": sections.T265,
     "fans": sections.Fans,
+    "gimbal": sections.Gimbal,
     "esc": sections.Esc,
     "battery": sections.Battery,
     "perch": sections.Box,
@@ -145,6 +146,7 @@ class Robot:
     imu: sections.Imu
     t265: sections.T265
     fans: sections.Fans
+    gimbal: sections.Gimbal
     esc: sections.Esc
     battery: sections.Battery
     perch: sections.Box
@@ -172,7 +174,7 @@ class Robot:
         return self.encoder.counts_per_motor_turn * self.gear.ratio
 
 
-def load_robot(path: Path | str | None = None, **overrides: float) -> Robot:
+def load_robot(path: Path | str | None = None, **overrides: float | str) -> Robot:
     """Read a robot from a parameter file; Husky Carbon by default (made once).
 
     Args:

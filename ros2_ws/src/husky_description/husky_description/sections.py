@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass
 from typing import Annotated
 
-from husky_description.parameters import Array, count, number, vector
+from husky_description.parameters import Array, choice, count, number, vector
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,15 +174,36 @@ class T265:
     fast_rotation: Annotated[float, number(0.1, 100.0)]
 
 
+MOUNTINGS = ("fixed", "vectoring")
+"""How the fans may be mounted: along base z, or on a gimbal at the centre of mass."""
+
+
+@dataclass(frozen=True, eq=False)
+class Gimbal:
+    """Axis of the vectored thrust: limits both ways [rad], rate [rad/s], lag [s].
+
+    It turns by the pitch about base y, then by the roll about the x axis so turned.
+    """
+
+    pitch_limit: Annotated[float, number(0.01, 3.14159)]
+    roll_limit: Annotated[float, number(0.01, 1.5)]
+    rate: Annotated[float, number(0.1, 100.0)]
+    lag: Annotated[float, number(0.0, 1.0)]
+
+
 @dataclass(frozen=True, eq=False)
 class Fans:
     """Four ducted fans at (+-x, +-y, z) in base, thrust along base z; lengths [m].
+
+    `mounting`, one of `MOUNTINGS`, says whether that is so: "vectoring" is the thesis's force at
+    the centre of mass in any direction (T25), which no robot has.
 
     Senses of rotation about base z [-1 or 1], flow area [m^2], air density [kg/m^3], and at full
     throttle on `voltage` [V]: thrust [N], speed [rad/s], efficiency [-]. Resistance [ohm], no-load
     current [A], inertia of the rotor [kg m^2], share of the drag torque left on the body [-].
     """
 
+    mounting: Annotated[str, choice(*MOUNTINGS)]
     x: Annotated[float, number(0.0, 1.0)]
     y: Annotated[float, number(0.0, 1.0)]
     z: Annotated[float, number(-0.5, 0.5)]
@@ -211,7 +232,10 @@ class Fans:
 
 @dataclass(frozen=True, eq=False)
 class Esc:
-    """Speed controller of a fan: pulses [us], times [s], current [A], cut-off [V], [1/(V s)]."""
+    """Speed controller of a fan: pulses [us], times [s], current [A], cut-off [V], [1/(V s)].
+
+    `telemetry` is 1 when it tells its speed and current.
+    """
 
     pulse_low: Annotated[float, number(800.0, 1500.0)]
     pulse_high: Annotated[float, number(1500.0, 2200.0)]
@@ -222,6 +246,7 @@ class Esc:
     current_limit: Annotated[float, number(1.0, 500.0)]
     cutoff_cell_voltage: Annotated[float, number(0.0, 4.0)]
     cutoff_gain: Annotated[float, number(0.0, 10.0)]
+    telemetry: Annotated[int, count(0, 1)]
 
 
 @dataclass(frozen=True, eq=False)

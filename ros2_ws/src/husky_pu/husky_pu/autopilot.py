@@ -21,7 +21,9 @@ from husky_pu.autopilot_imu import AutopilotImu, ImuErrors, SensorSample, Vector
 from husky_pu.autopilot_rc import StickInput
 from husky_pu.autopilot_setpoints import SetpointStream
 from husky_pu.autopilot_state import Motion
+from husky_pu.fan_watch import FanWatch
 from husky_pu.flight_parameters import FlightParameters
+from husky_pu.gimbal import Gimbal, into_unit
 from husky_pu.mavlink_server import MavlinkServer
 from husky_pu.mixer import Mixer
 from husky_pu.telemetry import Vehicle
@@ -43,6 +45,8 @@ _LEAST_VOLTAGE = 5.0
 _RATE_BANDWIDTH = (10.0, 10.0, 4.0)
 """Crossover of the rate loops that default gains aim at [rad/s]; the fans' lag is 0.08 s."""
 
+_ALL = [True] * 4
+
 Pwm = tuple[int, int, int, int]
 
 
@@ -58,6 +62,7 @@ class AutopilotConfig:
         parameters: values that differ from the defaults.
         signing_key: 32 bytes, empty for no signing.
         lockstep: see `husky_pu.mavlink_server`.
+        gimbal: turns the thrust's axis; None for fans that are fixed.
     """
 
     inertia: Vector = (0.03, 0.03, 0.05)
@@ -66,6 +71,7 @@ class AutopilotConfig:
     parameters: Mapping[str, float] = field(default_factory=dict)
     signing_key: bytes = b""
     lockstep: bool = False
+    gimbal: Gimbal | None = None
 
 
 def rate_gains(inertia: Sequence[float], moment_scale: Sequence[float]) -> dict[str, float]:
@@ -140,6 +146,8 @@ class Autopilot:
         self._turned_at = 0.0
         self._voltage = 0.0
         self._read_changes = -1
+        self._watch = FanWatch(self._mixer.fan)
+        self._told = [0.0] * 4
         nowhere: Vector = (0.0, 0.0, 0.0)
         return Vehicle(
             p,
@@ -147,7 +155,7 @@ class Autopilot:
             input_,
             battery,
             AttitudeEstimator(),
-            FlightLogic(p, stream, input_, battery),
+            FlightLogic(p, stream, input_, battery, self.config.gimbal),
             SensorSample(0, nowhere, nowhere, nowhere, 0.0, 0.0, 0.0),
         )
 
@@ -193,8 +201,11 @@ class Autopilot:
         self._read_parameters()
         self.server.release()
         self._measure(sensors, now, step, dt)
+        self._watch_fans(sensors, dt)
         vehicle.logic.tick(now, dt, self._motion, self._gains)
         vehicle.pwm = self._mix()
+        if self.config.gimbal is not None:
+            vehicle.tilt = self.config.gimbal.pulses(vehicle.logic.tilt)
         self.server.tick()
         return vehicle.pwm
 
@@ -237,22 +248,45 @@ class Autopilot:
         motion.still_for = now - self._moved_at
         motion.tilt = tilt_of(estimator.attitude)
 
+    def _watch_fans(self, sensors: SensorSample, dt: float) -> None:
+        """Compare what the speed controllers tell with what they were told."""
+        p, logic = self.parameters, self.vehicle.logic
+        if not logic.armed or not p["FD_ACT_EN"]:
+            self._watch.reset()
+            return
+        for fan in self._watch.update(
+            self._told,
+            sensors.fan_speed,
+            sensors.fan_current,
+            self._voltage,
+            dt,
+            least=p["FD_ACT_MOT_THR"] * self._mixer.max_thrust,
+            patience=1e-3 * p["FD_ACT_MOT_TOUT"],
+        ):
+            logic.lose_fan(fan)
+
     def _mix(self) -> Pwm:
         """Return the pulses for what the flight logic wants."""
         logic = self.vehicle.logic
         if not logic.armed:
+            self._told = [0.0] * 4
             low = int(self.parameters["PWM_MAIN_DISARM"])
             return (low, low, low, low)
         roll, pitch, yaw = logic.moments
         sx, sy, sz = self._scale
         voltage = self._voltage if self._voltage > _LEAST_VOLTAGE else None
         collective = logic.thrust * self._mixer.max_collective
-        x, y, z = moment = (roll * sx, -pitch * sy, -yaw * sz)  # FRD to FLU
+        moment = (roll * sx, -pitch * sy, -yaw * sz)  # FRD to FLU
+        if self.config.gimbal is not None:
+            moment = into_unit(logic.tilt, moment)
+        x, y, z = moment
+        left = logic.fans_ok if self.parameters["CA_FAILURE_MODE"] else _ALL
         thrusts: Any = [f * collective + g * x + h * y + i * z for f, g, h, i in self._inverse]
-        if min(thrusts) < 0.0 or max(thrusts) > self._mixer.thrust_limit(voltage):
+        if min(thrusts) < 0.0 or max(thrusts) > self._mixer.thrust_limit(voltage) or not all(left):
             # Something has to give way.
             rise = math.inf if logic.may_rise else 0.0
-            thrusts = self._mixer.allocate(collective, moment, voltage, rise=rise)
+            thrusts = self._mixer.allocate(collective, moment, voltage, left, rise=rise)
+        self._told[:] = thrusts
         a, b, c, d = self._mixer.pulses(thrusts, voltage).tolist()
         return (a, b, c, d)
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
+from husky_description.robot import LEGS
 from husky_pu import arming
 from husky_pu.attitude_control import ControlGains, RateControl, rate_demand
 from husky_pu.attitude_estimator import Quaternion, from_euler, to_euler
@@ -14,6 +16,13 @@ from husky_pu.autopilot_setpoints import Setpoint, SetpointStream
 from husky_pu.autopilot_state import ZERO, Motion, Severity
 from husky_pu.failsafes import Cause, FlightMode, Health, Reaction, judge
 from husky_pu.flight_parameters import FlightParameters
+from husky_pu.gimbal import NEUTRAL, Angles, Gimbal, axis
+from husky_pu.mavlink_axes import flip_body
+
+_ACROSS = 0.002
+"""Share of the full thrust across fixed fans that is worth a word."""
+_RUN_DOWN = 1.0
+"""Without thrust for so long the rotors stand, and the axis may turn [s]."""
 
 
 class FlightLogic:
@@ -26,6 +35,8 @@ class FlightLogic:
         terminated: fans are off until the termination is lifted.
         thrust: share of full collective, after every limit.
         moments: shares of what the mixer can give, FRD.
+        tilt: pitch and roll of the thrust's axis [rad], see `husky_pu.gimbal`.
+        fans_ok: which fans are not lost.
         attitude_desired: what the attitude law follows (x, y, z, w).
         rates_desired: what the rate law follows [rad/s].
         texts: status texts that nobody has taken yet, as (severity, text).
@@ -37,8 +48,13 @@ class FlightLogic:
         stream: SetpointStream,
         input_: StickInput,
         battery: BatteryMonitor,
+        gimbal: Gimbal | None = None,
     ):
-        """Start disarmed in STABILIZED."""
+        """Start disarmed in STABILIZED; `gimbal` is None for fans that are fixed."""
+        self._gimbal = gimbal
+        self.tilt: Angles = NEUTRAL
+        self._told_across = False
+        self.fans_ok = [True] * 4
         self._p = parameters
         self._stream = stream
         self._input = input_
@@ -126,6 +142,11 @@ class FlightLogic:
             self._say(Severity.INFO, "Flight termination lifted")
         return ""
 
+    def lose_fan(self, index: int) -> None:
+        """A fan does not do what it is told; so it is until the next disarming."""
+        self.fans_ok[index] = False
+        self._say(Severity.CRITICAL, f"Fan {LEGS[index]} lost")
+
     @property
     def may_rise(self) -> bool:
         """Whether moments may raise the thrust (MC_AIRMODE), which they never do in a descent."""
@@ -155,7 +176,7 @@ class FlightLogic:
                 if not self.armed:
                     return
         setpoint = self._setpoint(dt)
-        self._slew(setpoint.thrust or 0.0, dt)
+        self._slew(self._aim(setpoint, dt), dt)
         self._follow(setpoint, gains, dt)
         self._end()
 
@@ -164,10 +185,8 @@ class FlightLogic:
         newest = self._stream.newest
         if self.mode is FlightMode.OFFBOARD and newest is not None:
             if not self._ramp:
-                thrust = self._stream.thrust
-                return Setpoint(
-                    0, thrust, newest.attitude, newest.rates, newest.moments, newest.yaw_rate
-                )
+                stream = self._stream
+                return replace(newest, thrust=stream.thrust, direction=stream.direction)
             if newest.moments is not None:  # what stands on legs is not to be levelled
                 return Setpoint(0, 0.0, moments=ZERO)
         alive = self._sticks_alive() and not self._ramp
@@ -186,6 +205,26 @@ class FlightLogic:
             attitude=from_euler(tilt * sticks.roll, -tilt * sticks.pitch, self._heading),
             yaw_rate=yaw_rate,
         )
+
+    def _aim(self, setpoint: Setpoint, dt: float) -> float:
+        """Turn the thrust's axis; return the thrust that is wanted along it as it stands.
+
+        That is the wanted force's projection: nothing is pushed where nothing was asked for. In a
+        descent, and until the rotors stand, the axis stays.
+        """
+        wanted, direction = setpoint.thrust or 0.0, setpoint.direction
+        x, y, z = flip_body(direction) if direction is not None else (0.0, 0.0, 1.0)
+        if self._gimbal is None:
+            across = wanted * math.hypot(x, y)
+            if across > _ACROSS and not self._told_across:
+                self._say(Severity.WARNING, "Thrust across the fans left out: they are fixed")
+            self._told_across = across > _ACROSS
+            return wanted * max(0.0, z)
+        if not self._ramp and (wanted > 0.0 or self._now - self._idle_since > _RUN_DOWN):
+            target = self._gimbal.angles((x, y, z))
+            self.tilt = self._gimbal.slewed(self.tilt, target, dt)
+        a, b, c = axis(self.tilt)
+        return wanted * max(0.0, a * x + b * y + c * z)
 
     def _slew(self, wanted: float, dt: float) -> None:
         """Move the thrust: slowly up, faster down, never up in a descent."""
@@ -277,6 +316,7 @@ class FlightLogic:
         self.failsafe = None
         self.thrust, self.moments, self.rates_desired = 0.0, ZERO, ZERO
         self._tilted_for = 0.0
+        self.fans_ok[:] = [True] * 4
         self._control.reset()
 
     def _sticks_alive(self) -> bool:
@@ -297,6 +337,7 @@ class FlightLogic:
             self._stream.age(self._now),
             self._input.seen,
             self._input.seen and self._input.silent(self._now),
+            self.fans_ok.count(False),
         )
 
     def readiness(self) -> arming.Readiness:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -9,6 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 Vector = tuple[float, float, float]
+PerFan = tuple[float, float, float, float]
+UNKNOWN: PerFan = (math.nan,) * 4
+"""Of speed controllers without telemetry."""
 
 _BLOCK = 500
 """Samples drawn at once: one second's worth."""
@@ -25,6 +29,8 @@ class SensorSample(NamedTuple):
         pressure: of the air [Pa].
         battery_voltage: at the power module [V].
         battery_current: drawn from the battery [A].
+        fan_speed: of each rotor, by its speed controller's telemetry [rad/s]; NaN without.
+        fan_current: that each speed controller takes [A]; NaN without.
     """
 
     time_ns: int
@@ -34,6 +40,8 @@ class SensorSample(NamedTuple):
     pressure: float
     battery_voltage: float
     battery_current: float
+    fan_speed: PerFan = UNKNOWN
+    fan_current: PerFan = UNKNOWN
 
 
 @dataclass(frozen=True)
@@ -111,4 +119,6 @@ class AutopilotImu:
             true.pressure + pressure,
             true.battery_voltage + voltage,
             true.battery_current + current,
+            true.fan_speed,
+            true.fan_current,
         )

@@ -14,6 +14,8 @@ STREAM_PERIOD = 0.5
 """A stream is at least this fast [s]: 2 Hz, as PX4 demands of OFFBOARD."""
 _NORM_TOLERANCE = 1e-2
 """Of a quaternion's length; ArduPilot's is 1e-3, PX4 has none. Four floats cost 1e-7."""
+_THRUST_TOLERANCE = 1e-3
+"""By which three numbers that are rounded may make more than the full thrust."""
 _RATE_LIMIT = 35.0
 """Greatest rate that means something [rad/s]: the gyro's range, 2000 deg/s."""
 
@@ -40,6 +42,8 @@ class Setpoint:
         rates: angular velocity in the body [rad/s].
         moments: shares of what the mixer can give, -1 to 1, FRD; goes past the control loops.
         yaw_rate: beside an attitude [rad/s].
+        direction: unit vector along which the thrust is wanted, FRD; None for the body's up; zero
+            where it does not matter, since no thrust is wanted.
     """
 
     stamp_ns: int
@@ -48,23 +52,36 @@ class Setpoint:
     rates: Vector | None = None
     moments: Vector | None = None
     yaw_rate: float = 0.0
+    direction: Vector | None = None
 
 
 def attitude_setpoint(
-    stamp_ns: int, type_mask: int, wxyz: Sequence[float], rates: Sequence[float], thrust: float
+    stamp_ns: int,
+    type_mask: int,
+    wxyz: Sequence[float],
+    rates: Sequence[float],
+    thrust: float,
+    thrust_body: Sequence[float] = (0.0, 0.0, 0.0),
 ) -> Setpoint:
     """Return the setpoint of a SET_ATTITUDE_TARGET.
 
     With an attitude the yaw rate is fed forward and the others are not used, as in PX4; without
-    one the rates are followed, and one that is ignored is 0.
+    one the rates are followed, and one that is ignored is 0. With THRUST_BODY_SET the thrust is
+    `thrust_body`, FRD; if all else is ignored then, it is a force without a moment.
 
     Raises:
         ValueError: it asks for nothing, or a number that is used is not finite or out of range.
     """
     mask = TypeMask(type_mask & 0xFF)
-    if mask & TypeMask.THRUST_BODY_SET:
-        raise ValueError("thrust_body is not supported")
-    share = None if mask & TypeMask.IGNORE_THROTTLE else _within(thrust, 0.0, 1.0, "thrust")
+    vectored = bool(mask & TypeMask.THRUST_BODY_SET)
+    direction: Vector | None = None
+    share: float | None = None
+    if vectored:
+        if mask & TypeMask.IGNORE_THROTTLE:
+            raise ValueError("thrust both set and ignored")
+        share, direction = _thrust_body(thrust_body)
+    elif not mask & TypeMask.IGNORE_THROTTLE:
+        share = _within(thrust, 0.0, 1.0, "thrust")
     used = [
         0.0 if mask & bit else _within(rate, -_RATE_LIMIT, _RATE_LIMIT, "rate")
         for bit, rate in zip(list(TypeMask)[:3], rates, strict=True)
@@ -75,10 +92,21 @@ def attitude_setpoint(
         if not abs(norm - 1.0) <= _NORM_TOLERANCE:
             raise ValueError(f"quaternion of length {norm:.3g}")
         attitude = (x / norm, y / norm, z / norm, w / norm)
-        return Setpoint(stamp_ns, share, attitude=attitude, yaw_rate=used[2])
+        return Setpoint(stamp_ns, share, attitude=attitude, yaw_rate=used[2], direction=direction)
     if mask & 7 == 7:
-        raise ValueError("neither attitude nor rates")
-    return Setpoint(stamp_ns, share, rates=(used[0], used[1], used[2]))
+        if not vectored:
+            raise ValueError("neither attitude nor rates")
+        return Setpoint(stamp_ns, share, moments=(0.0, 0.0, 0.0), direction=direction)
+    return Setpoint(stamp_ns, share, rates=(used[0], used[1], used[2]), direction=direction)
+
+
+def _thrust_body(thrust_body: Sequence[float]) -> tuple[float, Vector]:
+    """Return length and direction, (0, 0, 0) for none."""
+    x, y, z = (_within(part, -1.0, 1.0, "thrust_body") for part in thrust_body)
+    length = _within(math.hypot(x, y, z), 0.0, 1.0 + _THRUST_TOLERANCE, "length of thrust_body")
+    if length == 0.0:
+        return 0.0, (0.0, 0.0, 0.0)
+    return min(length, 1.0), (x / length, y / length, z / length)
 
 
 def actuator_setpoint(stamp_ns: int, group: int, controls: Sequence[float]) -> Setpoint:
@@ -111,6 +139,7 @@ class SetpointStream:
         refused: whole messages that were bad.
         contested: setpoints refused because another source owns the stream.
         thrust: the last thrust that was asked for.
+        direction: of that thrust, see `Setpoint`.
     """
 
     def __init__(self) -> None:
@@ -119,6 +148,7 @@ class SetpointStream:
         self.stamp_ns = -1
         self.accepted = self.refused = self.contested = 0
         self.thrust = 0.0
+        self.direction: Vector | None = None
         self._source: Hashable = None
         self._times = [-math.inf, -math.inf]
 
@@ -137,7 +167,7 @@ class SetpointStream:
         self.newest = setpoint
         self.stamp_ns = setpoint.stamp_ns
         if setpoint.thrust is not None:
-            self.thrust = setpoint.thrust
+            self.thrust, self.direction = setpoint.thrust, setpoint.direction
         self._times = [self._times[1], now]
         self.accepted += 1
         return True
@@ -153,4 +183,5 @@ class SetpointStream:
     def forget(self) -> None:
         """Drop what came so far; counters stay."""
         self.newest, self.stamp_ns, self.thrust = None, -1, 0.0
+        self.direction = None
         self._source, self._times = None, [-math.inf, -math.inf]

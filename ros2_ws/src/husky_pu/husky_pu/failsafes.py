@@ -24,6 +24,7 @@ class Cause(Enum):
     TILT = "attitude failure"
     SENSORS = "sensors lost"
     BATTERY = "battery critical"
+    FANS = "fans lost"
     OFFBOARD_LOSS = "offboard lost"
     RC_LOSS = "manual control lost"
 
@@ -51,6 +52,7 @@ class Health:
         setpoint_age: since the last accepted setpoint [s].
         sticks_seen: sticks have come since boot.
         sticks_lost: and now do not.
+        fans_lost: how many fans are.
     """
 
     mode: FlightMode
@@ -60,6 +62,7 @@ class Health:
     setpoint_age: float
     sticks_seen: bool
     sticks_lost: bool
+    fans_lost: int = 0
 
 
 _OFFBOARD_REACTIONS = {4: Reaction.DESCEND, 6: Reaction.TERMINATE, 7: Reaction.DISARM}
@@ -77,6 +80,8 @@ def judge(health: Health, parameters: FlightParameters) -> tuple[Cause, Reaction
         return Cause.SENSORS, Reaction.DESCEND
     if health.battery >= BatteryLevel.CRITICAL and p["COM_LOW_BAT_ACT"] > 0:
         return Cause.BATTERY, Reaction.DESCEND
+    if health.fans_lost > 1:
+        return Cause.FANS, Reaction.DESCEND
     offboard = health.mode is FlightMode.OFFBOARD
     if offboard and health.setpoint_age > p["COM_OF_LOSS_T"]:
         reaction = _OFFBOARD_REACTIONS.get(int(p["COM_OBL_RC_ACT"]), Reaction.DESCEND)

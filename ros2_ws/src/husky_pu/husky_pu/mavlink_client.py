@@ -20,6 +20,7 @@ from typing import Any
 from pymavlink.dialects.v20 import common as mavlink
 
 from husky_pu import mavlink_commands as commands
+from husky_pu.mavlink_dialect import ESC_INFO, ESC_STATUS, SetAttitudeTarget
 from husky_pu.mavlink_frames import FrameReader, Message, signing_time
 from husky_pu.mavlink_telemetry import Report, Telemetry
 
@@ -194,11 +195,27 @@ class MavlinkClient:
         wxyz: Sequence[float],
         rates: Sequence[float],
         thrust: float,
+        thrust_body: Sequence[float] = (0.0, 0.0, 0.0),
     ) -> None:
-        """Send SET_ATTITUDE_TARGET: rotation FRD to NED, rates in FRD [rad/s], thrust 0 to 1."""
+        """Send SET_ATTITUDE_TARGET.
+
+        Args:
+            boot_ms: the autopilot's time [ms].
+            type_mask: what is to be ignored, and whether `thrust_body` holds.
+            wxyz: rotation FRD to NED.
+            rates: in FRD [rad/s].
+            thrust: 0 to 1.
+            thrust_body: in FRD, -1 to 1 each.
+        """
         self._send(
-            mavlink.MAVLink_set_attitude_target_message(
-                boot_ms & 0xFFFFFFFF, *self.target, type_mask, list(wxyz), *rates, thrust
+            SetAttitudeTarget(
+                boot_ms & 0xFFFFFFFF,
+                *self.target,
+                type_mask,
+                list(wxyz),
+                *rates,
+                thrust,
+                thrust_body=thrust_body,
             )
         )
 
@@ -311,11 +328,13 @@ class MavlinkClient:
 _TELEMETRY: tuple[int, ...] = (
     mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION,
     mavlink.MAVLINK_MSG_ID_ATTITUDE_TARGET,
+    ESC_STATUS,
     mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW,
 )
 _BATTERY: tuple[int, ...] = (
     mavlink.MAVLINK_MSG_ID_BATTERY_STATUS,
     mavlink.MAVLINK_MSG_ID_SYS_STATUS,
+    ESC_INFO,
 )
 
 

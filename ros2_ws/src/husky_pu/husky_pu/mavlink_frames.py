@@ -15,6 +15,10 @@ from typing import Any, TypeAlias
 
 from pymavlink.dialects.v20 import common as mavlink
 
+from husky_pu import mavlink_dialect
+
+mavlink_dialect.install()
+
 Message: TypeAlias = Any
 """`mavlink.MAVLink_message`; its fields differ from type to type."""
 

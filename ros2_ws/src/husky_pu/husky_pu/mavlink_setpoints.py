@@ -48,7 +48,7 @@ def read_setpoint(message: Any) -> Setpoint:
     m = message
     if m.get_type() == _ATTITUDE:
         rates = (m.body_roll_rate, m.body_pitch_rate, m.body_yaw_rate)
-        return attitude_setpoint(stamp_of(m), m.type_mask, m.q, rates, m.thrust)
+        return attitude_setpoint(stamp_of(m), m.type_mask, m.q, rates, m.thrust, m.thrust_body)
     return actuator_setpoint(stamp_of(m), m.group_mlx, m.controls)
 
 

@@ -69,6 +69,9 @@ class Report:
         attitude: the same as measured.
         collective_desired: share of full thrust, 0 to 1.
         pwm: of the first four outputs [us].
+        tilt: of the two behind them, the servos of the thrust's axis [us]; 0 for none.
+        fan_speed: of the rotors [rad/s]; NaN as long as no speed controller tells.
+        fan_ok: false for a fan that is lost.
         battery: see `Battery`.
     """
 
@@ -81,6 +84,9 @@ class Report:
     attitude: Quaternion = _NO_ROTATION
     collective_desired: float = 0.0
     pwm: tuple[int, int, int, int] = (0, 0, 0, 0)
+    tilt: tuple[int, int] = (0, 0)
+    fan_speed: tuple[float, ...] = (math.nan,) * 4
+    fan_ok: tuple[bool, ...] = (True,) * 4
     battery: Battery = Battery()
 
 
@@ -107,6 +113,7 @@ class Telemetry:
         self._failsafe_text = ""
         self._critical = False
         self._has_battery_status = False
+        self._escs_tell = False
         self._chunks: dict[int, str] = {}
 
     def take(self, message: Message) -> bool:
@@ -177,7 +184,22 @@ class Telemetry:
             self.report,
             boot_us=self._unwrap(message.time_usec),
             pwm=(message.servo1_raw, message.servo2_raw, message.servo3_raw, message.servo4_raw),
+            tilt=(message.servo5_raw, message.servo6_raw),
         )
+
+    def _esc_status(self, message: Message) -> None:
+        if message.index == 0 and self._escs_tell:
+            speeds = tuple(rpm * math.pi / 30.0 for rpm in message.rpm)
+            self.report = replace(self.report, fan_speed=speeds)
+
+    def _esc_info(self, message: Message) -> None:
+        if message.index != 0:
+            return
+        self._escs_tell = message.info & 15 == 15
+        ok = tuple(flags == 0 for flags in message.failure_flags)
+        self.report = replace(self.report, fan_ok=ok)
+        if not self._escs_tell:
+            self.report = replace(self.report, fan_speed=(math.nan,) * 4)
 
     def _unwrap(self, low_us: int) -> int:
         """Return the time of which the 32 bits are known, near the other messages' [us].
@@ -235,6 +257,8 @@ _TAKERS = {
     "ATTITUDE_QUATERNION": Telemetry._attitude_quaternion,
     "ATTITUDE_TARGET": Telemetry._attitude_target,
     "SERVO_OUTPUT_RAW": Telemetry._servo_output_raw,
+    "ESC_STATUS": Telemetry._esc_status,
+    "ESC_INFO": Telemetry._esc_info,
     "BATTERY_STATUS": Telemetry._battery_status,
     "SYS_STATUS": Telemetry._sys_status,
     "STATUSTEXT": Telemetry._statustext,

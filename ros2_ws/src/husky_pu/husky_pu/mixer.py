@@ -42,6 +42,7 @@ class Mixer:
         moment_scale: (3,) roll, pitch, yaw [N m] that one unit of a normalised moment means: what
             half the collective can carry, every fan between none and full thrust.
         max_thrust: of one fan at `fans.voltage` [N].
+        fan: thrust curve of one fan.
         effectiveness: (4, 4) from thrusts [N] to collective [N] and moment in base [N m].
     """
 
@@ -54,11 +55,11 @@ class Mixer:
         fans = robot.fans
         if min(fans.x, fans.y) <= 0.0:
             raise ValueError(f"fans.x {fans.x:g}, fans.y {fans.y:g}: no lever to roll or pitch")
-        self._fan = FanModel.from_section(fans)
+        self.fan = FanModel.from_section(fans)
         self._voltage = fans.voltage
         self._low, self._start = robot.esc.pulse_low, robot.esc.pulse_start
         self._span = robot.esc.pulse_high - robot.esc.pulse_low
-        self._lever = (fans.y, fans.x, self._fan.moment_per_thrust)
+        self._lever = (fans.y, fans.x, self.fan.moment_per_thrust)
         side, fore = np.sign(robot.fan_position[:, 1]), np.sign(robot.fan_position[:, 0])
         patterns = np.array([side, -fore, -fans.spin])
         self._pattern: list[list[float]] = patterns.T.tolist()
@@ -75,7 +76,7 @@ class Mixer:
         Raises:
             ValueError: the voltage is not finite or not positive.
         """
-        return self._fan.steady_thrust(self._checked(voltage))
+        return self.fan.steady_thrust(self._checked(voltage))
 
     def allocate(
         self,
@@ -156,6 +157,13 @@ class Mixer:
         thrust[b] = (pair - difference) / 2.0
         return thrust
 
+    def greatest_collective(
+        self, voltage: float | None = None, available: Sequence[bool] | None = None
+    ) -> float:
+        """Greatest collective without a moment [N]; voltage [V] and fans as in `allocate`."""
+        most = self.allocate(self.max_collective, (0.0, 0.0, 0.0), voltage, available, rise=0.0)
+        return float(most.sum())
+
     def wrench(self, thrust: Sequence[float] | Array) -> tuple[float, Array]:
         """Collective [N] and moment in base [N m] (3,) that steady thrusts [N] (4,) give."""
         result = self.effectiveness @ np.asarray(thrust, float)
@@ -178,7 +186,7 @@ class Mixer:
                 raise ValueError(f"thrust: {thrust!r} is not finite")
             pulse = self._low
             if wanted > 0.0:
-                throttle = min(self._fan.steady_voltage(float(wanted)) / bus, 1.0)
+                throttle = min(self.fan.steady_voltage(float(wanted)) / bus, 1.0)
                 pulse += self._span * throttle
             result[i] = round(pulse if pulse >= self._start else self._low)
         return result
@@ -190,7 +198,7 @@ class Mixer:
         for i, pulse in enumerate(pulses):
             if pulse >= self._start:
                 throttle = min((float(pulse) - self._low) / self._span, 1.0)
-                result[i] = self._fan.steady_thrust(throttle * bus)
+                result[i] = self.fan.steady_thrust(throttle * bus)
         return result
 
     def _checked(self, voltage: float | None) -> float:

@@ -17,13 +17,20 @@ _NOMINAL_NS = 10_000_000
 _LONGEST_NS = 100_000_000
 """A gap between commands lets thrust rise by no more than this [ns]."""
 _IGNORE_RATES = 7
+_THRUST_BODY_SET = 32
 _IGNORE_ATTITUDE = 128
 _UNIT_TOLERANCE = 1e-3
 """Of a quaternion's length, as ArduPilot demands."""
 _SIDE_FORCE = 0.01
-"""Force across the fans' axis that still counts as none [N]."""
+"""Force across base z that still counts as none [N]."""
+_NO_MOMENT = 1e-3
+"""Moment that counts as none beside a force in any direction [N m]."""
 _ROUNDING = 1e-6
 """Relative; a command may exceed a limit by this, and is then held to it."""
+
+
+_ZERO: Vector = (0.0, 0.0, 0.0)
+_LEVEL: Quaternion = (1.0, 0.0, 0.0, 0.0)
 
 
 class Kind(IntEnum):
@@ -53,11 +60,13 @@ class Limits:
         collective: thrust of all fans [N] that 1 stands for on the wire.
         moment: (3,) about base x, y, z [N m] that 1 stands for on the wire.
         thrust_rate: how fast the collective may rise [N/s].
+        vectoring: the fans push in any direction at the centre of mass, not along base z alone.
     """
 
     collective: float
     moment: Sequence[float]
     thrust_rate: float
+    vectoring: bool = False
 
 
 class Sender(Protocol):
@@ -70,6 +79,7 @@ class Sender(Protocol):
         wxyz: Sequence[float],
         rates: Sequence[float],
         thrust: float,
+        thrust_body: Sequence[float] = (0.0, 0.0, 0.0),
     ) -> None:
         """Send SET_ATTITUDE_TARGET."""
 
@@ -87,28 +97,35 @@ class Setpoint:
         thrust: share of the collective, 0 to 1.
         attitude: FRD to NED (w, x, y, z).
         moment: shares of the moments, -1 to 1, FRD.
+        force: shares of the collective in each direction, FRD, which go as `thrust_body` of
+            SET_ATTITUDE_TARGET; None for a thrust along base z.
     """
 
     kind: Kind
     as_wrench: bool
     thrust: float = 0.0
     attitude: Quaternion = (1.0, 0.0, 0.0, 0.0)
-    moment: Vector = (0.0, 0.0, 0.0)
+    moment: Vector = _ZERO
+    force: Vector | None = None
 
     def without_thrust(self) -> Setpoint:
         """Return the one that asks for nothing, by the same message."""
-        return Setpoint(Kind.NONE, self.as_wrench)
+        return Setpoint(Kind.NONE, self.as_wrench, force=None if self.force is None else _ZERO)
 
     def send(self, sender: Sender, boot_us: int) -> None:
         """Send it with a time of the autopilot's clock [us]."""
-        if self.as_wrench:
+        boot_ms = boot_us // 1000
+        if self.force is not None:
+            mask = _THRUST_BODY_SET | _IGNORE_ATTITUDE | _IGNORE_RATES
+            # Who does not know thrust_body may at most push as much along z.
+            up = max(0.0, -self.force[2])
+            sender.attitude_target(boot_ms, mask, _LEVEL, _ZERO, up, self.force)
+        elif self.as_wrench:
             sender.actuator_target(boot_us, (*self.moment, self.thrust))
         elif self.kind is Kind.ATTITUDE:
-            zero = (0.0, 0.0, 0.0)
-            sender.attitude_target(boot_us // 1000, _IGNORE_RATES, self.attitude, zero, self.thrust)
+            sender.attitude_target(boot_ms, _IGNORE_RATES, self.attitude, _ZERO, self.thrust)
         else:
-            level, zero = (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-            sender.attitude_target(boot_us // 1000, _IGNORE_ATTITUDE, level, zero, 0.0)
+            sender.attitude_target(boot_ms, _IGNORE_ATTITUDE, _LEVEL, _ZERO, 0.0)
 
 
 @dataclass
@@ -125,6 +142,8 @@ class Setpoints:
         accepted: commands that were good.
         refused: commands that were not.
         refusal: why the last of them was refused.
+        projected: commands whose force across base z was left out: the fans are fixed.
+        projection: what was left out of the last of them.
         newest: last setpoint, None before the first.
         stamp_ns: of its command [ns], -1 before the first.
     """
@@ -134,6 +153,8 @@ class Setpoints:
     accepted: int = 0
     refused: int = 0
     refusal: str = ""
+    projected: int = 0
+    projection: str = ""
     newest: Setpoint | None = None
     stamp_ns: int = -1
     _thrust: float = field(default=0.0, repr=False)
@@ -181,39 +202,51 @@ class Setpoints:
         numbers = (*command.force, *command.moment, *command.attitude)
         if not all(map(math.isfinite, numbers)):
             raise ValueError("not finite")
-        thrust, most = command.force[2], self.limits.collective
-        if not -_SIDE_FORCE <= thrust <= most * (1.0 + _ROUNDING):
-            raise ValueError(f"collective thrust {thrust:g} N, it must be 0 to {most:g} N")
+        down = self.limits.vectoring and command.force[2] < -_SIDE_FORCE
+        if kind is Kind.WRENCH and (down or _is_across(command.force)):
+            self._check_across(command)
+        else:
+            self._check_collective(command.force[2])
         if kind is Kind.ATTITUDE:
             norm = math.hypot(*command.attitude)
             if not abs(norm - 1.0) <= _UNIT_TOLERANCE:
                 raise ValueError(f"attitude of length {norm:g}, it must be 1")
             return kind
-        if max(map(abs, command.force[:2])) > _SIDE_FORCE:
-            x, y = command.force[:2]
-            raise ValueError(f"force ({x:g}, {y:g}) N across the fans, they push along z alone")
         for axis, value, limit in zip("xyz", command.moment, self.limits.moment, strict=True):
             if abs(value) > limit * (1.0 + _ROUNDING):
                 raise ValueError(f"moment {axis} {value:g} N m, it must be within {limit:g} N m")
         return kind
 
+    def _check_collective(self, thrust: float) -> None:
+        most = self.limits.collective
+        if not -_SIDE_FORCE <= thrust <= most * (1.0 + _ROUNDING):
+            raise ValueError(f"collective thrust {thrust:g} N, it must be 0 to {most:g} N")
+
+    def _check_across(self, command: ThrustCommand) -> None:
+        length, most = math.hypot(*command.force), self.limits.collective
+        if length > most * (1.0 + _ROUNDING):
+            raise ValueError(f"force of {length:g} N, it must be 0 to {most:g} N")
+        if self.limits.vectoring and max(map(abs, command.moment)) > _NO_MOMENT:
+            raise ValueError("a moment beside a force that is not along z: there is no message")
+
     def _setpoint(self, kind: Kind, command: ThrustCommand) -> Setpoint:
-        was_wrench = self.newest is not None and self.newest.as_wrench
         since = command.stamp_ns - self.stamp_ns
         if self.silent(command.stamp_ns):
             self._thrust, since = 0.0, _NOMINAL_NS
         if kind is Kind.NONE or not self.enabled:
             self._thrust = 0.0
-            as_wrench = was_wrench if kind is Kind.NONE else kind is Kind.WRENCH
-            # An attitude is told before it is flown: the yaw of a standing robot is not zero.
-            attitude = self._attitude(command) if kind is Kind.ATTITUDE else (1.0, 0.0, 0.0, 0.0)
-            return Setpoint(kind, as_wrench, attitude=attitude)
-        wanted = min(max(command.force[2], 0.0), self.limits.collective)
+            return self._nothing(kind, command)
+        force = self._force(kind, command)
+        wanted = min(math.hypot(*force), self.limits.collective)
         rise = self.limits.thrust_rate * 1e-9 * min(since, _LONGEST_NS)
         self._thrust = min(wanted, self._thrust + rise)
         thrust = self._thrust / self.limits.collective
         if kind is Kind.ATTITUDE:
             return Setpoint(kind, False, thrust, self._attitude(command))
+        if self._is_vectored(command):
+            scale = thrust / wanted if wanted > 0.0 else 0.0
+            x, y, z = flip_body(force)
+            return Setpoint(kind, False, thrust, force=(scale * x, scale * y, scale * z))
         share = self._thrust / wanted if wanted > 0.0 else 1.0
         x, y, z = (
             share * min(max(value / limit, -1.0), 1.0)
@@ -221,11 +254,40 @@ class Setpoints:
         )
         return Setpoint(kind, True, thrust, moment=flip_body((x, y, z)))
 
+    def _nothing(self, kind: Kind, command: ThrustCommand) -> Setpoint:
+        """Return the setpoint without thrust, by the message that the command would go by."""
+        if kind is Kind.NONE:
+            none = Setpoint(kind, False)
+            return self.newest.without_thrust() if self.newest is not None else none
+        if kind is Kind.ATTITUDE:
+            # An attitude is told before it is flown: the yaw of a standing robot is not zero.
+            return Setpoint(kind, False, attitude=self._attitude(command))
+        vectored = self._is_vectored(command)
+        return Setpoint(kind, not vectored, force=_ZERO if vectored else None)
+
+    def _force(self, kind: Kind, command: ThrustCommand) -> Vector:
+        """Return the force that is asked of the fans, in base [N]; say what is left out."""
+        x, y, z = command.force
+        if kind is Kind.WRENCH and self._is_vectored(command):
+            return (x, y, z)
+        if kind is Kind.WRENCH and _is_across(command.force):
+            self.projected += 1
+            self.projection = f"({x:g}, {y:g}) N across the fans, they are fixed along z"
+        return (0.0, 0.0, max(z, 0.0))
+
+    def _is_vectored(self, command: ThrustCommand) -> bool:
+        """Whether a wrench goes as a force in any direction: one with moments is along z."""
+        return self.limits.vectoring and max(map(abs, command.moment)) <= _NO_MOMENT
+
     @staticmethod
     def _attitude(command: ThrustCommand) -> Quaternion:
         norm = math.hypot(*command.attitude)
         w, x, y, z = mavlink_attitude(command.attitude)
         return w / norm, x / norm, y / norm, z / norm
+
+
+def _is_across(force: Sequence[float]) -> bool:
+    return max(map(abs, force[:2])) > _SIDE_FORCE
 
 
 class BootClock:

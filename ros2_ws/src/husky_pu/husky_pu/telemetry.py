@@ -18,6 +18,13 @@ from husky_pu.autopilot_rc import StickInput
 from husky_pu.autopilot_setpoints import SetpointStream
 from husky_pu.failsafes import FlightMode
 from husky_pu.flight_parameters import FlightParameters
+from husky_pu.mavlink_dialect import (
+    ESC_FAILURE_GENERIC,
+    ESC_INFO,
+    ESC_STATUS,
+    EscInfo,
+    EscStatus,
+)
 
 Message: TypeAlias = Any
 """A message of the dialect."""
@@ -45,6 +52,7 @@ _GYRO, _ACCEL, _MAG, _PRESSURE = 1, 2, 4, 8
 _RATES, _ATTITUDE, _MOTORS, _RADIO = 1024, 2048, 32768, 65536
 _FENCE, _BATTERY, _PREARM = 1 << 20, 1 << 25, 1 << 28
 _UNUSED = 65535
+_NO_TEMPERATURE = 32767
 
 
 @dataclass
@@ -61,6 +69,7 @@ class Vehicle:
         sensors: last good measurement.
         time_ns: the clock, boot at 0 [ns].
         pwm: pulses to the fans [us].
+        tilt: pulses to the servos of the thrust's axis [us], 0 for none.
         damaged: frames that were bad, on all links.
     """
 
@@ -73,6 +82,7 @@ class Vehicle:
     sensors: SensorSample
     time_ns: int = 0
     pwm: tuple[int, int, int, int] = (0, 0, 0, 0)
+    tilt: tuple[int, int] = (0, 0)
     damaged: int = 0
 
     @property
@@ -223,8 +233,33 @@ def rc_channels(v: Vehicle) -> Message:
 
 
 def servo_output_raw(v: Vehicle) -> Message:
-    """SERVO_OUTPUT_RAW; its clock has 32 bits and wraps after 71 minutes."""
-    return mavlink.MAVLink_servo_output_raw_message(v.boot_us & 0xFFFFFFFF, 0, *v.pwm, 0, 0, 0, 0)
+    """SERVO_OUTPUT_RAW: fans, tilt servos; its clock has 32 bits and wraps after 71 minutes."""
+    return mavlink.MAVLink_servo_output_raw_message(
+        v.boot_us & 0xFFFFFFFF, 0, *v.pwm, *v.tilt, 0, 0
+    )
+
+
+def esc_status(v: Vehicle) -> Message:
+    """ESC_STATUS: what the speed controllers tell; zero without their telemetry."""
+    s = v.sensors
+    rpm = [round(_known(speed) * 30.0 / math.pi) for speed in s.fan_speed]
+    voltage = v.battery.voltage if _tells(v) else 0.0
+    return EscStatus(0, v.boot_us, rpm, [voltage] * 4, [_known(i) for i in s.fan_current])
+
+
+def esc_info(v: Vehicle) -> Message:
+    """ESC_INFO: which fans are lost; as many online as tell something."""
+    flags = [0 if ok else ESC_FAILURE_GENERIC for ok in v.logic.fans_ok]
+    online = 15 if _tells(v) else 0
+    return EscInfo(0, v.boot_us, 0, 4, 0, online, flags, [0] * 4, [_NO_TEMPERATURE] * 4)
+
+
+def _tells(v: Vehicle) -> bool:
+    return math.isfinite(sum(v.sensors.fan_speed))
+
+
+def _known(value: float) -> float:
+    return value if math.isfinite(value) else 0.0
 
 
 def extended_sys_state(v: Vehicle) -> Message:
@@ -269,10 +304,12 @@ STREAMS: dict[int, Stream] = {
     mavlink.MAVLINK_MSG_ID_SYS_STATUS: Stream(sys_status, 5.0),
     mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: Stream(battery_status, 5.0),
     mavlink.MAVLINK_MSG_ID_RC_CHANNELS: Stream(rc_channels, 5.0),
+    ESC_INFO: Stream(esc_info, 1.0),
     mavlink.MAVLINK_MSG_ID_HIGHRES_IMU: Stream(highres_imu, 20.0),
     mavlink.MAVLINK_MSG_ID_ATTITUDE: Stream(attitude, 20.0),
     mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: Stream(attitude_quaternion, 50.0),
     mavlink.MAVLINK_MSG_ID_ATTITUDE_TARGET: Stream(attitude_target, 50.0),
+    ESC_STATUS: Stream(esc_status, 50.0),
     mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: Stream(servo_output_raw, 50.0),
 }
 """Every message by its id, in the order of a bundle: SERVO_OUTPUT_RAW closes it."""

@@ -8,7 +8,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from husky_pu import mavlink_commands as commands
 from husky_pu.mavlink_client import ClientConfig, MavlinkClient
 
-TELEMETRY = {31, 83, 36, 147, 1}
+TELEMETRY = {31, 83, 36, 291, 147, 1, 290}
 
 
 # Finding the autopilot --------------------------------------------------------------------------
@@ -17,7 +17,7 @@ def test_it_finds_the_autopilot_and_asks_for_telemetry(pair):
     assert {message.command for message in asked} == {511}
     intervals = {int(message.param1): message.param2 for message in asked}
     assert set(intervals) == TELEMETRY
-    assert [intervals[n] for n in (31, 83, 36, 147, 1)] == [20000] * 3 + [100000] * 2
+    assert [intervals[n] for n in (31, 83, 291, 36, 147, 1, 290)] == [20000] * 4 + [100000] * 3
     for message in asked:
         assert (message.target_system, message.target_component) == (1, 1)
         assert (message.get_srcSystem(), message.get_srcComponent()) == (1, 191)
@@ -70,7 +70,7 @@ def test_silence_is_a_loss_within_a_second_and_ends_by_itself(pair):
     pair.carry()
     pair.wait(0.5)
     assert pair.client.connected
-    assert len(pair.autopilot.of("COMMAND_LONG")) == asked + 5
+    assert len(pair.autopilot.of("COMMAND_LONG")) == asked + len(TELEMETRY)
 
 
 def test_heartbeats_alone_may_be_a_second_apart(pair):
@@ -120,7 +120,7 @@ def test_a_restart_asks_again(pair):
         assert pair.client.take_bundles()[-1].boot_us == 1000 * boot_ms
     assert not pair.client.telemetry.report.armed
     pair.wait(0.5)
-    assert len(pair.autopilot.of("COMMAND_LONG")) == asked + 5
+    assert len(pair.autopilot.of("COMMAND_LONG")) == asked + len(TELEMETRY)
 
 
 def test_a_line_that_is_gone_ends_commands(pair):

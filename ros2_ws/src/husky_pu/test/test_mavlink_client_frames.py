@@ -127,7 +127,7 @@ def test_signed_both_ways(make_autopilot, make_pair):
     assert pair.client.reader.counters.refused == 0
     assert pair.autopilot.codec.signing.goodsig_count == len(pair.autopilot.heard)
     assert pair.autopilot.codec.signing.badsig_count == 0
-    assert len(pair.autopilot.of("COMMAND_LONG")) == 5
+    assert len(pair.autopilot.of("COMMAND_LONG")) == 7
 
 
 @pytest.mark.parametrize("key", [b"", bytes(32), KEY[::-1]])

@@ -35,6 +35,8 @@ CRC_EXTRA = {  # message id: CRC_EXTRA and length of the whole payload, as publi
     244: (95, 6),
     245: (130, 2),
     253: (83, 54),
+    290: (251, 46),
+    291: (10, 57),
 }
 
 
@@ -374,7 +376,7 @@ def test_read_and_set_parameters():
         {"mask": 0, "rates": (math.inf, 0.0, 0.0)},
         {"mask": 128, "rates": (0.0, 100.0, 0.0)},
         {"mask": 128 | 7},
-        {"mask": 32 | 7},
+        {"mask": 32 | 64 | 7},
     ],
 )
 def test_a_bad_setpoint_is_refused_whole(bad):

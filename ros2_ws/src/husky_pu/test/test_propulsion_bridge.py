@@ -98,7 +98,7 @@ BAD = [
     (wrench(PERIOD, -1.0), "collective thrust -1 N, it must be 0 to 80 N"),
     (wrench(PERIOD, 80.1), "collective thrust 80.1 N"),
     (wrench(PERIOD, 1.0, (0, 4.1, 0)), "moment y 4.1 N m, it must be within 4 N m"),
-    (wrench(PERIOD, force=(1.0, 0, 1.0)), r"force \(1, 0\) N across the fans"),
+    (wrench(PERIOD, force=(60.0, 0, 60.0)), "force of 84.8528 N, it must be 0 to 80 N"),
     (ThrustCommand(PERIOD, Kind.ATTITUDE, (0, 0, 0, 0.9)), "attitude of length 0.9"),
     (ThrustCommand(PERIOD, Kind.ATTITUDE, (0, 0, 0, 0)), "attitude of length 0"),
     (ThrustCommand(PERIOD, 3), "kind 3 is not known"),

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from husky_description.robot import Robot
+from husky_pu.gimbal import NEUTRAL, Angles, Gimbal, into_base
 from husky_pu.propulsion_unit import PropulsionUnit
 
 Array = NDArray[np.float64]
@@ -56,15 +57,27 @@ def add_autopilot(spec: mujoco.MjSpec, robot: Robot) -> None:
 class FansInWorld:
     """Steps the unit with the physics and puts its wrench on the base.
 
+    Fixed fans push where they stand, along base z. Vectored ones are the thesis's thrust (T25): the
+    unit's force acts at the centre of mass of all that hangs on the base, along an axis that two
+    servos turn; fans, speed controllers and battery are the same. Gyroscopic moments of the turning
+    rotors are left out: in pairs they cancel at equal speed.
+
     Attributes:
         unit: fans, speed controllers, battery.
         pwm: pulses in force [us] (4,).
+        tilt_pwm: pulses of the axis's servos in force [us] (2,).
+        tilt: pitch and roll of the axis [rad].
+        wrench_in_base: (6,) force [N] and moment about base's origin [N m], in base.
     """
 
     def __init__(self, robot: Robot, model: mujoco.MjModel, data: mujoco.MjData):
         """Find the sensors; the unit is off."""
         self.unit = PropulsionUnit(robot)
-        self.pwm = np.zeros(4)
+        self.tilt: Angles = NEUTRAL
+        self._told: Angles = NEUTRAL
+        self.pwm, self.tilt_pwm = np.zeros(4), np.zeros(2)
+        self._gimbal = Gimbal.of(robot)
+        self.wrench_in_base = np.zeros(6)
         self._step = model.opt.timestep
         self._data = data
         self._orientation, self._gyro, self._accelerometer = (
@@ -76,11 +89,16 @@ class FansInWorld:
         self._moment: Array = data.qfrc_applied[3:6]
         self._field = np.empty(3)
         self._inverse = np.empty(4)
+        self._lever = np.empty(3)
+        self._center = data.subtree_com[model.body("base").id]
+        self.reset()
 
     def reset(self) -> None:
         """Off, full battery."""
         self.unit.reset()
-        self.pwm[:] = 0.0
+        self.pwm[:] = self.tilt_pwm[:] = 0.0
+        self.wrench_in_base[:] = 0.0
+        self.tilt = self._told = NEUTRAL
 
     def step(self, load: float = 0.0) -> None:
         """Advance by one physics step; call before `mj_step`.
@@ -89,8 +107,26 @@ class FansInWorld:
             load: power that the joints' drives take from the battery [W].
         """
         wrench = self.unit.step(self.pwm, self._step, load)
+        if self._gimbal is not None:
+            wrench = self._vectored(self._gimbal, wrench)
+        self.wrench_in_base[:] = wrench
         mujoco.mju_rotVecQuat(self._force, wrench[:3], self._data.qpos[3:7])
         self._moment[:] = wrench[3:]
+
+    def _vectored(self, gimbal: Gimbal, wrench: Array) -> Array:
+        """Turn the unit's wrench with its axis and put it at the centre of mass."""
+        self._told = gimbal.told(self.tilt_pwm.tolist(), self._told)
+        self.tilt = gimbal.followed(self.tilt, self._told, self._step)
+        # The unit's own moments are about its middle: its force is along its z, over base's origin.
+        _, _, thrust, *moment = wrench.tolist()
+        fx, fy, fz = into_base(self.tilt, (0.0, 0.0, thrust))
+        mx, my, mz = into_base(self.tilt, moment)
+        mujoco.mju_negQuat(self._inverse, self._data.qpos[3:7])
+        mujoco.mju_rotVecQuat(self._lever, self._center - self._data.qpos[0:3], self._inverse)
+        x, y, z = self._lever.tolist()
+        return np.array(
+            (fx, fy, fz, mx + y * fz - z * fy, my + z * fx - x * fz, mz + x * fy - y * fx)
+        )
 
     def sample(self) -> FlightSample:
         """Return what the flight controller's sensors measure."""

@@ -1,4 +1,4 @@
-"""Grounds that the robot can be put on: flat, slope, tiles, steps."""
+"""Grounds that the robot can be put on: flat, slope, ramp, tiles, steps."""
 
 from __future__ import annotations
 
@@ -8,8 +8,13 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from husky_description.ramp import Ramp, SurfacePoint
+
 FLOOR = "floor"
 """Name of the ground plane's geom; other terrain geoms are named floor_0, floor_1, ..."""
+
+_THICKNESS = 0.15
+"""Half of a ramp's [m]."""
 
 
 @dataclass(frozen=True)
@@ -18,10 +23,15 @@ class TerrainOptions:
 
     Attributes:
         kind: one of `KINDS`.
-        slope: inclination of the slope about the base's y axis, uphill along +x [rad].
+        slope: inclination of the slope about the base's y axis, uphill along +x [rad]; a ramp's
+            is not negative.
         height: greatest tile height, or height of one step [m].
         size: edge of a tile, or depth of one step [m].
-        length: how far tiles and steps reach along +x, from 0.8 m before the robot's start [m].
+        length: how far tiles and steps reach along +x, from 0.8 m before the robot's start [m]; of
+            the straight slope of a ramp.
+        approach: flat ground before a ramp [m].
+        blend: radius of the arcs at its foot and its crest [m].
+        top: flat ground at its top [m].
     """
 
     kind: str = "flat"
@@ -29,6 +39,9 @@ class TerrainOptions:
     height: float = 0.03
     size: float = 0.2
     length: float = 8.0
+    approach: float = 1.5
+    blend: float = 1.0
+    top: float = 4.0
 
     def __post_init__(self) -> None:
         """Refuse what cannot be built.
@@ -43,12 +56,32 @@ class TerrainOptions:
             ("height", 0.0, 1.0),
             ("size", 0.02, 10.0),
             ("length", 0.1, 100.0),
+            ("approach", 0.0, 100.0),
+            ("blend", 0.0, 100.0),
+            ("top", 0.0, 100.0),
         ):
             value = getattr(self, name)
             if not lower <= value <= upper:
                 raise ValueError(
                     f"terrain {name} is {value}, it must be {lower:.3g} to {upper:.3g}"
                 )
+        if self.kind == "ramp":
+            self.ramp  # noqa: B018 - refuses what is no ramp
+
+    @property
+    def ramp(self) -> Ramp:
+        """The surface of a ramp of these measures; raises ValueError for a negative slope."""
+        return Ramp(self.slope, self.approach, self.blend, self.length, self.top)
+
+    def at(self, distance: float) -> SurfacePoint:
+        """Return the point of the surface at a length along it from x = 0 [m].
+
+        On tiles and steps it is the ground on which they stand.
+        """
+        if self.kind == "ramp":
+            return self.ramp.at(distance)
+        angle = self.slope if self.kind == "slope" else 0.0
+        return SurfacePoint(distance * np.cos(angle), distance * np.sin(angle), angle)
 
 
 def build(spec: mujoco.MjSpec, options: TerrainOptions, seed: int) -> None:
@@ -79,6 +112,26 @@ def _flat(spec: mujoco.MjSpec, options: TerrainOptions, rng: np.random.Generator
 def _slope(spec: mujoco.MjSpec, options: TerrainOptions, rng: np.random.Generator) -> None:
     """A plane through the origin, uphill along +x."""
     _plane(spec, [np.cos(options.slope / 2), 0.0, -np.sin(options.slope / 2), 0.0])
+
+
+def _ramp(spec: mujoco.MjSpec, options: TerrainOptions, rng: np.random.Generator) -> None:
+    """Flat ground, an arc, a slope, an arc, flat ground, 6 m wide; uphill along +x."""
+    _flat(spec, options, rng)
+    for index, (start, end) in enumerate(options.ramp.facets()):
+        (x, z), (dx, dz) = start, np.subtract(end, start)
+        length, angle = np.hypot(dx, dz), np.arctan2(dz, dx)
+        # The box hangs under its upper face.
+        middle = np.array((x + dx / 2, z + dz / 2)) - _THICKNESS * np.array(
+            (-np.sin(angle), np.cos(angle))
+        )
+        spec.worldbody.add_geom(
+            name=f"{FLOOR}_{index}",
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            pos=[middle[0], 0.0, middle[1]],
+            size=[length / 2, 3.0, _THICKNESS],
+            quat=[np.cos(angle / 2), 0.0, -np.sin(angle / 2), 0.0],
+            material="tile",
+        )
 
 
 def _box(
@@ -131,6 +184,7 @@ Builder = Callable[[mujoco.MjSpec, TerrainOptions, np.random.Generator], None]
 KINDS_TABLE: dict[str, Builder] = {
     "flat": _flat,
     "slope": _slope,
+    "ramp": _ramp,
     "tiles": _tiles,
     "steps": _steps,
 }

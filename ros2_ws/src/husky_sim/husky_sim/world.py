@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from husky_description.gantry import GantryOptions
-from husky_description.graph import BODIES, TICK_PERIOD_NS
-from husky_description.mujoco_model import build_spec, build_unit_spec
+from husky_description.graph import TICK_PERIOD_NS
 from husky_description.robot import Robot
-from husky_sim import terrain
-from husky_sim.fans_in_world import FansInWorld, add_autopilot
-from husky_sim.gantry import Gantry, add_gantry
+from husky_sim.fans_in_world import FansInWorld
+from husky_sim.gantry import Gantry
 from husky_sim.motor import Servos, ServoTiming
+from husky_sim.scene import HOLD, WorldOptions, build_scene
 
 Array = NDArray[np.float64]
 
@@ -25,154 +22,6 @@ IMU_PERIOD_NS = 1_250_000
 """Period of the VN-200's output [ns]: 800 Hz (thesis T4)."""
 POSE_PERIOD_NS = 5_000_000
 """Period of the T265's poses [ns]: 200 Hz (thesis T4)."""
-
-
-@dataclass(frozen=True)
-class ContactPreset:
-    """How the ground answers a foot.
-
-    Attributes:
-        solref: MuJoCo's contact parameters: time constant [s] and damping ratio, or minus
-            stiffness [N/m] and minus damping [N s/m] when negative.
-        friction: sliding friction coefficient. MuJoCo has one coefficient for a pair of geoms, so
-            of the thesis's static and dynamic figures this is the dynamic one.
-        source: where the numbers come from.
-    """
-
-    solref: tuple[float, float]
-    friction: float
-    source: str
-
-
-CONTACT_PRESETS = {
-    "stiff": ContactPreset(
-        (0.005, 1.0), 0.7, "about 6.6e4 N/m: hard floor, friction of thesis ch. 5"
-    ),
-    "lab": ContactPreset((-8000.0, -250.0), 0.54, "the lab's reduced-order code: k 8000, d 250"),
-    "thesis_model": ContactPreset(
-        (-100.0, -1000.0), 1.0, "thesis ch. 4: 100 N/m, 1e3 N s/m; a standing robot sinks by 0.2 m"
-    ),
-    "thesis_results": ContactPreset(
-        (-5000.0, -200.0),
-        0.7,
-        "thesis ch. 5: 5e-3 N/mm/mm^2 read as 5000 N/m per unit; its damping 2e-10 has no usable"
-        " unit, 200 N s/m is taken",
-    ),
-}
-"""Named sets of T27, whose figures disagree in the thesis."""
-
-
-@dataclass(frozen=True)
-class WorldOptions:
-    """What world to build.
-
-    Attributes:
-        terrain: the ground.
-        contact: name in `CONTACT_PRESETS`.
-        friction: sliding friction, or None for the preset's.
-        timestep: physics step [s]; must divide the tick of 2 ms.
-        keyframe: initial posture, "sit" or "stand".
-        seed: of terrain and devices.
-        body: one of `husky_description.graph.BODIES`.
-        gantry: the gantry over it, or None.
-        start_height: added to the keyframe's height [m], to hang in the ropes, say.
-    """
-
-    terrain: terrain.TerrainOptions = field(default_factory=terrain.TerrainOptions)
-    contact: str = "stiff"
-    friction: float | None = None
-    timestep: float = 0.0005
-    keyframe: str = "sit"
-    seed: int = 0
-    body: str = "robot"
-    gantry: GantryOptions | None = None
-    start_height: float = 0.0
-
-    def __post_init__(self) -> None:
-        """Refuse what cannot be simulated.
-
-        Raises:
-            ValueError: naming the option, its value and what is allowed.
-        """
-        if self.contact not in CONTACT_PRESETS:
-            raise ValueError(
-                f"contact is {self.contact!r}, it must be one of {', '.join(CONTACT_PRESETS)}"
-            )
-        if self.body not in BODIES:
-            raise ValueError(f"body is {self.body!r}, it must be one of {', '.join(BODIES)}")
-        if not 0.0 <= self.start_height <= 5.0:
-            raise ValueError(f"start_height is {self.start_height} m, it must be within 0 and 5")
-        if self.friction is not None and not 0.0 < self.friction <= 5.0:
-            raise ValueError(f"friction is {self.friction}, it must be above 0 and at most 5")
-        ticks = TICK_PERIOD_NS / 1e9 / self.timestep if self.timestep > 0 else 0.0
-        if not 1.0 <= ticks <= 100.0 or abs(ticks - round(ticks)) > 1e-9:
-            raise ValueError(
-                f"timestep is {self.timestep} s, it must divide the tick of 2 ms: 0.002, 0.001, "
-                "0.0005, 0.00025, ..."
-            )
-
-
-def build_scene(robot: Robot, options: WorldOptions) -> mujoco.MjSpec:
-    """Return the robot in its world: ground, light, sky."""
-    spec = build_unit_spec(robot) if options.body == "unit" else build_spec(robot)
-    preset = CONTACT_PRESETS[options.contact]
-    spec.option.timestep = options.timestep
-    spec.visual.headlight.ambient = [0.35, 0.35, 0.35]
-    spec.visual.headlight.diffuse = [0.5, 0.5, 0.5]
-    spec.visual.global_.offwidth = 1280
-    spec.visual.global_.offheight = 720
-    spec.add_texture(
-        name="sky",
-        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
-        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
-        rgb1=[0.75, 0.83, 0.92],
-        rgb2=[1.0, 1.0, 1.0],
-        width=256,
-        height=256,
-    )
-    _ground_material(spec, "ground", [0.93, 0.93, 0.92], [0.86, 0.87, 0.88])
-    _ground_material(spec, "tile", [0.80, 0.76, 0.68], [0.74, 0.70, 0.62])
-    spec.worldbody.add_light(
-        pos=[0.0, 0.0, 4.0],
-        dir=[0.3, 0.2, -1.0],
-        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
-        castshadow=True,
-    )
-    for name, kind in (
-        ("imu_orientation", mujoco.mjtSensor.mjSENS_FRAMEQUAT),
-        ("imu_gyro", mujoco.mjtSensor.mjSENS_GYRO),
-        ("imu_accelerometer", mujoco.mjtSensor.mjSENS_ACCELEROMETER),
-    ):
-        spec.add_sensor(name=name, type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname="imu")
-    if options.body != "robot":
-        add_autopilot(spec, robot)
-    if options.gantry is not None:
-        add_gantry(spec, options.gantry)
-    terrain.build(spec, options.terrain, options.seed)
-    friction = preset.friction if options.friction is None else options.friction
-    for geom in spec.geoms:
-        if geom.name.startswith(terrain.FLOOR):
-            # The ground decides alone (priority), so that one number is the friction of a run.
-            geom.priority = 1
-            geom.condim = 3
-            geom.friction = [friction, 0.005, 0.0001]
-            geom.solref = list(preset.solref)
-    return spec
-
-
-def _ground_material(spec: mujoco.MjSpec, name: str, dark: list[float], light: list[float]) -> None:
-    """A checkered material with squares of 0.5 m."""
-    spec.add_texture(
-        name=name,
-        type=mujoco.mjtTexture.mjTEXTURE_2D,
-        builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER,
-        rgb1=dark,
-        rgb2=light,
-        width=512,
-        height=512,
-    )
-    material = spec.add_material(name=name, texrepeat=[1.0, 1.0], texuniform=True)
-    material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = name
 
 
 class ImuSample(NamedTuple):
@@ -245,6 +94,7 @@ class World:
         self.gantry = (
             Gantry(self.model, self.data, options.gantry) if options.gantry is not None else None
         )
+        self._hold = self.model.equality(HOLD).id
         self._imu_orientation = self._sensor("imu_orientation")
         self._imu_gyro = self._sensor("imu_gyro")
         self._imu_accelerometer = self._sensor("imu_accelerometer")
@@ -270,9 +120,10 @@ class World:
         if keyframe not in names:
             raise ValueError(f"keyframe is {keyframe!r}, it must be one of {', '.join(names)}")
         mujoco.mj_resetDataKeyframe(self.model, self.data, self.model.key(keyframe).id)
-        self.data.qpos[2] += self.options.start_height
+        self._place()
         if self.fans is not None:
             self.fans.reset()
+        self.hold(self.options.start_held)
         mujoco.mj_forward(self.model, self.data)
         self.time_ns = 0
         self._next_imu_ns = self._next_pose_ns = 0
@@ -282,6 +133,31 @@ class World:
         self._hash = hashlib.sha256()
         self.servos.reset()
         self.servos.update_state(self.joint_position)
+
+    def _place(self) -> None:
+        """Move the base from where the keyframe has it to the start, upright on the surface."""
+        options, data = self.options, self.data
+        x, z, angle = options.terrain.at(options.start_distance)
+        lean = np.array((np.cos(angle / 2), 0.0, -np.sin(angle / 2), 0.0))
+        position, orientation = np.empty(3), np.empty(4)
+        mujoco.mju_rotVecQuat(position, data.qpos[0:3], lean)
+        mujoco.mju_mulQuat(orientation, lean, data.qpos[3:7])
+        data.qpos[0:3] = position + (x, 0.0, z + options.start_height)
+        data.qpos[3:7] = orientation
+
+    def hold(self, held: bool) -> None:
+        """Hold the base where it is, as strong hands would, or release it."""
+        if held:
+            row = self.model.eq_data[self._hold]
+            row[0:3] = self.data.qpos[0:3]  # in the world, where base's origin ...
+            row[3:6] = 0.0  # ... has to be
+            mujoco.mju_negQuat(row[6:10], self.data.qpos[3:7])
+        self.data.eq_active[self._hold] = held
+
+    @property
+    def held(self) -> bool:
+        """Whether the base is held in place."""
+        return bool(self.data.eq_active[self._hold])
 
     def step_tick(self) -> list[ImuSample]:
         """Advance by 2 ms; return the IMU samples that were due meanwhile."""
@@ -409,9 +285,15 @@ class World:
         """Return the foot centres in world [m], shape (4, 3)."""
         return np.array([self.data.geom_xpos[geom] for geom in self._foot_geoms])
 
-    def foot_forces(self) -> Array:
-        """Return the force of everything on each foot, in world [N], shape (4, 3)."""
-        forces = np.zeros((4, 3))
+    def foot_contacts(self) -> tuple[Array, Array]:
+        """Return the force of everything on each foot and the ground's normal there, in world.
+
+        Returns:
+            forces: [N] (4, 3).
+            normals: (4, 3) unit vectors towards the foot, the mean where a foot touches more than
+                one thing, by their forces; zero without contact.
+        """
+        forces, normals = np.zeros((4, 3)), np.zeros((4, 3))
         wrench = np.zeros(6)
         for index in range(self.data.ncon):
             contact = self.data.contact[index]
@@ -420,5 +302,12 @@ class World:
                 if leg is not None:
                     mujoco.mj_contactForce(self.model, self.data, index, wrench)
                     # Rows of the contact frame are its axes; the force acts on geom2.
-                    forces[leg] += sign * contact.frame.reshape(3, 3).T @ wrench[:3]
-        return forces
+                    frame = contact.frame.reshape(3, 3)
+                    forces[leg] += sign * frame.T @ wrench[:3]
+                    normals[leg] += sign * wrench[0] * frame[0]
+        lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+        return forces, np.divide(normals, lengths, out=normals, where=lengths > 0.0)
+
+    def foot_forces(self) -> Array:
+        """Return the force of everything on each foot, in world [N], shape (4, 3)."""
+        return self.foot_contacts()[0]

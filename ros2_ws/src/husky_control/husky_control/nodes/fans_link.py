@@ -91,7 +91,10 @@ class FansLink:
         )
 
     def tell(self, time_ns: int, controller: Controller) -> None:
-        """Send the command when it is due: an attitude in flight, a wrench otherwise."""
+        """Send the command when it is due: an attitude in flight, a wrench otherwise.
+
+        On an incline the wrench is a force at the centre of mass in any direction.
+        """
         if time_ns % COMMAND_PERIOD_NS:
             return
         assist, hover, command = controller.assist, controller.hover, self._command
@@ -99,12 +102,14 @@ class FansLink:
         moment, attitude = command.moment, command.attitude
         if hover.active:
             command.kind = PropulsionCommand.ATTITUDE
+            command.force.x = command.force.y = 0.0
             command.force.z = float(hover.force)
             attitude.x, attitude.y, attitude.z, attitude.w = hover.attitude.tolist()
             moment.x = moment.y = moment.z = 0.0
         else:
             command.kind = PropulsionCommand.WRENCH
-            command.force.z = float(assist.force)
+            force = controller.thrust_in_base
+            command.force.x, command.force.y, command.force.z = force.tolist()
             attitude.x, attitude.y, attitude.z, attitude.w = 0.0, 0.0, 0.0, 1.0
             moment.x, moment.y, moment.z = assist.moment.tolist()
         self._publisher.publish(command)

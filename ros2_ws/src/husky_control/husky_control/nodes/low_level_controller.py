@@ -28,7 +28,7 @@ from husky_control.t265_pose import T265Pose
 from husky_description import graph
 from husky_description.lockstep import Peer, Presence
 from husky_description.nodes import diagnostics, qos, stamps
-from husky_description.nodes.parameters import declare
+from husky_description.nodes.parameters import declare, declare_mounting
 from husky_description.nodes.run import run
 from husky_description.nodes.tick_clock import TickClock, percentile_ms
 from husky_description.robot import load_robot
@@ -79,7 +79,8 @@ class LowLevelController(Node):
             lower=-1.0,
             upper=10.0,
         )
-        robot = load_robot() if payload < 0.0 else load_robot(payload_mass=payload)
+        weight = {} if payload < 0.0 else {"payload_mass": payload}
+        robot = load_robot(**weight, **declare_mounting(self))
         parameters = Parameters()
         for name, row in TABLE.items():
             value = declare(

@@ -7,6 +7,8 @@ from typing import Any
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.node import Node
 
+from husky_description.sections import MOUNTINGS
+
 
 def declare(
     node: Node,
@@ -51,3 +53,19 @@ def declare(
     if allowed and value not in allowed:
         raise ValueError(f"parameter {name} is {value!r}, it must be one of {', '.join(allowed)}")
     return value
+
+
+def declare_mounting(node: Node) -> dict[str, str]:
+    """Declare how the fans are mounted; return it as an override for `load_robot`.
+
+    Raises:
+        ValueError: no such mounting.
+    """
+    mounting = declare(
+        node,
+        "mounting",
+        "",
+        "of the fans; empty for fans.mounting of carbon.yaml",
+        allowed=("", *MOUNTINGS),
+    )
+    return {"fans__mounting": mounting} if mounting else {}

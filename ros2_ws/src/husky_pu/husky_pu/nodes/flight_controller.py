@@ -16,17 +16,18 @@ from rclpy.node import Node
 from husky_description import graph
 from husky_description.lockstep import Peer, Presence
 from husky_description.nodes import diagnostics, qos, stamps
-from husky_description.nodes.parameters import declare
+from husky_description.nodes.parameters import declare, declare_mounting
 from husky_description.nodes.run import run
 from husky_description.nodes.tick_clock import TickClock, percentile_ms
 from husky_description.pty_port import PtyPort
-from husky_description.robot import load_robot
+from husky_description.robot import LEGS, load_robot
 from husky_msgs.msg import FanCommand, FlightSensors
 from husky_pu import sbus
 from husky_pu.autopilot import Autopilot, AutopilotConfig
 from husky_pu.autopilot_imu import SensorSample
 from husky_pu.autopilot_pace import FramePace
 from husky_pu.flight_parameters import read_overrides
+from husky_pu.gimbal import Gimbal
 from husky_pu.mavlink_frames import read_key
 from husky_pu.mavlink_ports import SerialLine, UdpPort
 from husky_pu.mavlink_setpoints import SETPOINT_PERIOD_NS
@@ -125,7 +126,7 @@ class FlightController(Node):
         self._diagnostics = diagnostics.Diagnostics(self, "Pixhawk 2.4.8", self._report)
 
     def _make_autopilot(self) -> Autopilot:
-        robot = load_robot()
+        robot = load_robot(**declare_mounting(self))
         seed = declare(self, "seed", 0, "of the sensors' errors", lower=0, upper=2**31 - 1)
         inertia = declare(
             self,
@@ -155,6 +156,7 @@ class FlightController(Node):
                 parameters=values,
                 signing_key=read_key(key) if key else b"",
                 lockstep=self._lockstep,
+                gimbal=Gimbal.of(robot),
             ),
         )
 
@@ -175,6 +177,8 @@ class FlightController(Node):
             message.pressure,
             message.battery_voltage,
             message.battery_current,
+            tuple(message.fan_speed.tolist()),
+            tuple(message.fan_current.tolist()),
         )
         self._go_on()
 
@@ -219,6 +223,7 @@ class FlightController(Node):
             while (frame := self._pace.take(sample.time_ns)) is not None:
                 self._receive_frame(frame)
         self._command.pwm[:] = self._autopilot.tick(sample)
+        self._command.tilt[:] = self._autopilot.vehicle.tilt
         stamps.fill(self._command.stamp, sample.time_ns)
         self._publisher.publish(self._command)
         self._ticks.end()
@@ -313,6 +318,9 @@ class FlightController(Node):
             "armed": logic.armed,
             "mode": logic.mode.value,
             "failsafe": logic.failsafe.value if logic.failsafe else "",
+            "fans_lost": ", ".join(
+                leg for leg, ok in zip(LEGS, logic.fans_ok, strict=True) if not ok
+            ),
             "battery_remaining": f"{vehicle.battery.remaining:.2f}",
             "links": ", ".join(map(_link_name, server.links)),
             "setpoints": stream.accepted,
@@ -330,6 +338,8 @@ class FlightController(Node):
         if logic.failsafe is not None or logic.terminated:
             word = logic.failsafe.value if logic.failsafe else "flight termination"
             return diagnostics.ERROR, word, values
+        if values["fans_lost"]:
+            return diagnostics.ERROR, f"fan lost: {values['fans_lost']}", values
         if lost:
             return diagnostics.ERROR, f"{' and '.join(lost)} lost", values
         if self._ticks.ticks == 0 or time.monotonic() - self._ticked_at > 1.0:

@@ -13,8 +13,9 @@ from std_srvs.srv import SetBool, Trigger
 from husky_description import graph
 from husky_description.nodes import diagnostics, qos
 from husky_description.nodes.device_node import DeviceNode
-from husky_description.nodes.parameters import declare
+from husky_description.nodes.parameters import declare, declare_mounting
 from husky_description.nodes.run import run
+from husky_description.robot import load_robot
 from husky_msgs.msg import PropulsionCommand, PropulsionState
 from husky_msgs.srv import SetFlightMode
 from husky_pu import mavlink_commands as commands
@@ -25,6 +26,7 @@ from husky_pu.nodes.pixhawk_messages import battery_message, state_message, thru
 from husky_pu.nodes.pixhawk_parameters import declare_config, declare_limits
 from husky_pu.nodes.pixhawk_report import PixhawkReport
 from husky_pu.propulsion_bridge import BootClock, Setpoints
+from husky_pu.propulsion_force import ForceEstimate
 
 _HEARTBEAT_LOOK = 0.1
 """Between two looks whether a heartbeat is due [s]."""
@@ -62,7 +64,9 @@ class PixhawkBridge(DeviceNode[CompanionLink]):
         )
         self._open = opener(self._connection)
         self._config = declare_config(self, lockstep=mode == "lockstep")
-        self._limits = declare_limits(self)
+        robot = load_robot(**declare_mounting(self))
+        self._limits = declare_limits(self, robot)
+        self._force = ForceEstimate(robot)
         self._boot_clock = BootClock() if mode == "hardware" else None
         self._setpoints = Setpoints(self._limits)
         self._client = MavlinkClient(self._config)
@@ -120,13 +124,17 @@ class PixhawkBridge(DeviceNode[CompanionLink]):
             client.advance(command.stamp_ns)
             armed = client.connected and client.telemetry.report.armed
             setpoints.enable(armed and not self._killed)
-            refused = setpoints.refused
+            refused, projected = setpoints.refused, setpoints.projected
             setpoint = setpoints.take(command)
             if setpoint is not None and client.connected:
                 setpoint.send(client, self._boot_us(command.stamp_ns))
         if setpoints.refused != refused:
             self.get_logger().warning(
                 f"thrust command refused: {setpoints.refusal}", throttle_duration_sec=1.0
+            )
+        if setpoints.projected != projected:
+            self.get_logger().warning(
+                f"left out of a thrust command: {setpoints.projection}", throttle_duration_sec=1.0
             )
 
     def _on_timer(self) -> None:
@@ -146,7 +154,7 @@ class PixhawkBridge(DeviceNode[CompanionLink]):
             self._boot_clock.observe(report.boot_us, time.time_ns())
         self._bundles += 1
         stamp_ns = self._stamp_ns(report)
-        self._state_publisher.publish(state_message(report, stamp_ns, True))
+        self._state_publisher.publish(state_message(report, self._force.of(report), stamp_ns, True))
         if self._bundles % _BATTERY_EVERY == 0:
             self._battery_publisher.publish(battery_message(report, stamp_ns))
 
@@ -154,7 +162,10 @@ class PixhawkBridge(DeviceNode[CompanionLink]):
         self.get_logger().info(text)
         if self._heard and not heard:
             report = self._client.telemetry.report
-            self._state_publisher.publish(state_message(report, self._stamp_ns(report), False))
+            force = self._force.of(report)
+            self._state_publisher.publish(
+                state_message(report, force, self._stamp_ns(report), False)
+            )
         self._heard = heard
 
     def _stamp_ns(self, report: Report) -> int:

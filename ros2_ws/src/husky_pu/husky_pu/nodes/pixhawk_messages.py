@@ -11,6 +11,7 @@ from husky_description.nodes import stamps
 from husky_msgs.msg import PropulsionCommand, PropulsionState
 from husky_pu.mavlink_telemetry import Report
 from husky_pu.propulsion_bridge import ThrustCommand
+from husky_pu.propulsion_force import Force
 
 
 def thrust_command(message: PropulsionCommand) -> ThrustCommand:
@@ -25,11 +26,12 @@ def thrust_command(message: PropulsionCommand) -> ThrustCommand:
     )
 
 
-def state_message(report: Report, stamp_ns: int, connected: bool) -> PropulsionState:
+def state_message(report: Report, force: Force, stamp_ns: int, connected: bool) -> PropulsionState:
     """Return the unit's state.
 
     Args:
         report: what the autopilot told last.
+        force: what follows from it.
         stamp_ns: of that [ns].
         connected: whether the autopilot is heard.
     """
@@ -45,6 +47,11 @@ def state_message(report: Report, stamp_ns: int, connected: bool) -> PropulsionS
         quaternion.x, quaternion.y, quaternion.z, quaternion.w = values
     state.collective_desired = report.collective_desired
     state.pwm = report.pwm
+    state.tilt = force.tilt
+    state.force.x, state.force.y, state.force.z = force.force
+    state.fan_speed = report.fan_speed
+    state.fan_ok = report.fan_ok
+    state.thrust_limit = force.limit
     state.voltage, state.current = report.battery.voltage, report.battery.current
     return state
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from rclpy.node import Node
 
 from husky_description.nodes.parameters import declare
-from husky_description.robot import load_robot
+from husky_description.robot import Robot
 from husky_pu.mavlink_client import ClientConfig
 from husky_pu.mavlink_frames import read_key
 from husky_pu.mixer import Mixer
@@ -78,9 +78,9 @@ def declare_config(node: Node, lockstep: bool) -> ClientConfig:
     )
 
 
-def declare_limits(node: Node) -> Limits:
+def declare_limits(node: Node, robot: Robot) -> Limits:
     """Declare how fast thrust may rise; return it with what the robot's unit can do."""
-    mixer = Mixer(load_robot())
+    mixer = Mixer(robot)
     return Limits(
         mixer.max_collective,
         [float(scale) for scale in mixer.moment_scale],
@@ -92,6 +92,7 @@ def declare_limits(node: Node) -> Limits:
             lower=1.0,
             upper=1000.0,
         ),
+        vectoring=robot.fans.mounting == "vectoring",
     )
 
 

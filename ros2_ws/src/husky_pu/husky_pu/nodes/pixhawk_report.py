@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Mapping
 
 from husky_description.nodes import diagnostics
+from husky_description.robot import LEGS
 from husky_pu.companion_link import CompanionLink
 from husky_pu.mavlink_client import MavlinkClient
 from husky_pu.propulsion_bridge import Setpoints
@@ -23,6 +24,7 @@ class PixhawkReport:
         """Begin to count."""
         self.connection = connection
         self._reported = (time.monotonic(), Counter[str](), 0, 0)
+        self._projected = 0
 
     def make(
         self,
@@ -38,6 +40,7 @@ class PixhawkReport:
         received = client.received.copy()
         damage = counters.damaged + counters.refused + telemetry.invalid
         self._reported = (now, received, setpoints.refused, damage)
+        last_projected, self._projected = self._projected, setpoints.projected
         battery = telemetry.report.battery
         values: dict[str, object] = {
             "state": link.state,
@@ -51,6 +54,10 @@ class PixhawkReport:
             "accepted_commands": setpoints.accepted,
             "refused_commands": setpoints.refused,
             "refusal": setpoints.refusal,
+            "projected_commands": setpoints.projected,
+            "fans_lost": ", ".join(
+                leg for leg, ok in zip(LEGS, telemetry.report.fan_ok, strict=True) if not ok
+            ),
             "current": "327.67 A or more" if battery.saturated else f"{battery.current:.1f} A",
             "connections": client.connections,
             "losses": client.losses,
@@ -84,6 +91,10 @@ class PixhawkReport:
             return diagnostics.WARN, "the autopilot signs and we have no key: it is deaf", values
         if setpoints.refused > last_refused:
             return diagnostics.WARN, f"thrust commands refused: {setpoints.refusal}", values
+        if not all(telemetry.report.fan_ok):
+            return diagnostics.ERROR, f"fan lost: {values['fans_lost']}", values
+        if setpoints.projected > last_projected:
+            return diagnostics.WARN, f"left out: {setpoints.projection}", values
         if damage > last_damage:
             return diagnostics.WARN, f"{damage - last_damage} messages damaged", values
         if battery.saturated:

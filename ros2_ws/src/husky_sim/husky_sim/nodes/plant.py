@@ -6,6 +6,7 @@ import sys
 import time
 from collections import deque
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from nav_msgs.msg import Odometry
@@ -17,10 +18,9 @@ from scipy.spatial.transform import Rotation
 from std_srvs.srv import SetBool
 
 from husky_description import graph
-from husky_description.gantry import GantryOptions
 from husky_description.lockstep import Peer, Presence
 from husky_description.nodes import diagnostics, qos, stamps
-from husky_description.nodes.parameters import declare
+from husky_description.nodes.parameters import declare, declare_mounting
 from husky_description.nodes.run import run
 from husky_description.nodes.tick_clock import TickClock, percentile_ms
 from husky_description.pty_port import PtyPort
@@ -28,11 +28,10 @@ from husky_description.robot import load_robot
 from husky_drivers.vn200_imu import ImuFigures
 from husky_msgs.msg import EstimateError, FootContacts, ServoCommand, ServoState
 from husky_msgs.srv import ApplyWrench, InjectFault, ResetWorld, StepWorld
-from husky_sim.gantry import RAIL
+from husky_sim.nodes.plant_parameters import declare_world
 from husky_sim.nodes.propulsion_wires import PropulsionWires
-from husky_sim.terrain import KINDS, TerrainOptions
 from husky_sim.vn200_device import Vn200Device
-from husky_sim.world import CONTACT_PRESETS, Array, World, WorldOptions
+from husky_sim.world import Array, World
 
 _RESEND_PERIOD = 0.1
 """Wall time after which an unanswered state is sent again: best effort may lose one [s]."""
@@ -68,8 +67,9 @@ class Plant(Node):
             upper=10.0,
         )
         scene = declare(self, "save_scene", "", "file that gets the world as MuJoCo XML")
-        options = self._world_options()
-        robot = load_robot() if payload < 0.0 else load_robot(payload_mass=payload)
+        options = declare_world(self)
+        changes: dict[str, Any] = {} if payload < 0.0 else {"payload_mass": payload}
+        robot = load_robot(**changes, **declare_mounting(self))
         self._world = World(robot, options)
         if scene:
             Path(scene).write_text(self._world.scene_xml)
@@ -125,85 +125,13 @@ class Plant(Node):
         self.create_service(SetBool, graph.PLANT_PAUSE, self._on_pause)
         self.create_service(StepWorld, graph.PLANT_STEP, self._on_step)
         self.create_service(ApplyWrench, graph.PLANT_APPLY_WRENCH, self._on_apply_wrench)
+        self.create_service(SetBool, graph.PLANT_HOLD, self._on_hold)
         self.create_service(InjectFault, graph.PLANT_INJECT_FAULT, self._on_inject_fault)
         self.add_on_set_parameters_callback(self._on_set_parameters)
         self._diagnostics = diagnostics.Diagnostics(self, "MuJoCo", self._report)
         self.hot_timers = []
         if not self._lockstep:
             self.hot_timers.append(self.create_timer(graph.TICK_PERIOD, self._on_period))
-
-    def _world_options(self) -> WorldOptions:
-        defaults, ground = WorldOptions(), TerrainOptions()
-        friction = declare(
-            self,
-            "friction",
-            -1.0,
-            "sliding friction [-], negative for the preset's",
-            lower=-1.0,
-            upper=5.0,
-        )
-        return WorldOptions(
-            terrain=TerrainOptions(
-                kind=declare(self, "terrain", ground.kind, "kind of ground", allowed=KINDS),
-                slope=np.radians(
-                    declare(self, "slope_deg", 0.0, "inclination [deg]", lower=-90.0, upper=90.0)
-                ),
-                height=declare(
-                    self, "terrain_height", ground.height, "tile or step [m]", lower=0.0, upper=1.0
-                ),
-                size=declare(
-                    self, "terrain_size", ground.size, "tile or step [m]", lower=0.02, upper=10.0
-                ),
-                length=declare(
-                    self, "terrain_length", ground.length, "along x [m]", lower=0.1, upper=100.0
-                ),
-            ),
-            contact=declare(
-                self, "contact", defaults.contact, "contact preset", allowed=tuple(CONTACT_PRESETS)
-            ),
-            friction=friction if friction > 0.0 else None,
-            timestep=declare(
-                self, "timestep", defaults.timestep, "physics step [s]", lower=1e-5, upper=0.002
-            ),
-            keyframe=declare(
-                self, "keyframe", defaults.keyframe, "initial posture", allowed=("sit", "stand")
-            ),
-            body=declare(
-                self, "body", defaults.body, "what stands in the world", allowed=graph.BODIES
-            ),
-            gantry=self._gantry_options(),
-            start_height=declare(
-                self,
-                "start_height",
-                0.0,
-                "above the posture's own height [m]",
-                lower=0.0,
-                upper=5.0,
-            ),
-            seed=declare(self, "seed", defaults.seed, "of all noise", lower=0, upper=2**31 - 1),
-        )
-
-    def _gantry_options(self) -> GantryOptions | None:
-        defaults = GantryOptions()
-        wanted = declare(self, "gantry", False, "a gantry with two ropes over the body")
-        options = GantryOptions(
-            height=declare(
-                self, "gantry_height", defaults.height, "of the beam [m]", lower=0.5, upper=10.0
-            ),
-            rope=declare(
-                self, "rope_length", defaults.rope, "of each rope [m]", lower=0.1, upper=10.0
-            ),
-        )
-        declare(
-            self,
-            "trolley_position",
-            0.0,
-            "where the gantry's trolley is sent along x [m]",
-            lower=-RAIL,
-            upper=RAIL,
-            read_only=False,
-        )
-        return options if wanted else None
 
     def _on_set_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
         """Move the trolley."""
@@ -375,13 +303,15 @@ class Plant(Node):
 
         contacts = FootContacts()
         stamps.fill(contacts.stamp, world.time_ns)
-        for leg, (force, position) in enumerate(
-            zip(world.foot_forces(), world.foot_positions(), strict=True)
+        forces, normals = world.foot_contacts()
+        contacts.contact = np.any(forces, axis=1).tolist()
+        for values, vectors in (
+            (forces, contacts.force),
+            (normals, contacts.normal),
+            (world.foot_positions(), contacts.position),
         ):
-            contacts.contact[leg] = bool(np.any(force))
-            contacts.force[leg].x, contacts.force[leg].y, contacts.force[leg].z = map(float, force)
-            point = contacts.position[leg]
-            point.x, point.y, point.z = map(float, position)
+            for value, vector in zip(values.tolist(), vectors, strict=True):
+                vector.x, vector.y, vector.z = value
         point = contacts.center_of_mass
         point.x, point.y, point.z = world.center_of_mass().tolist()
         self._contacts_publisher.publish(contacts)
@@ -446,6 +376,12 @@ class Plant(Node):
             response.success = True
         stamps.fill(response.stamp, self._world.time_ns)
         response.trajectory_sha256 = self._world.trajectory_sha256
+        return response
+
+    def _on_hold(self, request: SetBool.Request, response: SetBool.Response):  # type: ignore[no-untyped-def]
+        self._world.hold(request.data)
+        response.success = True
+        response.message = f"the base is {'held' if request.data else 'free'}"
         return response
 
     def _has_settled(self) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
+import numpy as np
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 
@@ -53,6 +54,8 @@ class PropulsionWires:
         self._command_ns = -1
         self._sent_at = time.monotonic()
         self._sensors, self._state = FlightSensors(), FanState()
+        self._telemetry = bool(world.robot.esc.telemetry)
+        self._sensors.fan_speed = self._sensors.fan_current = np.full(4, np.nan)
         self._sensors_publisher = node.create_publisher(
             FlightSensors, graph.FLIGHT_SENSORS, qos.CONTROL
         )
@@ -80,6 +83,7 @@ class PropulsionWires:
             return
         self._command_ns = stamp
         self._fans.pwm[:] = command.pwm
+        self._fans.tilt_pwm[:] = command.tilt
         self._advance()
 
     def ready(self) -> bool:
@@ -99,13 +103,13 @@ class PropulsionWires:
         if now - self._sent_at > _RESEND_PERIOD:
             self._send()
         if self.flight_controller.expire(now):
-            self._fans.pwm[:] = 0.0  # a dead autopilot gives no pulses
+            self._fans.pwm[:] = self._fans.tilt_pwm[:] = 0.0  # a dead autopilot gives no pulses
             self._warn(self.flight_controller)
 
     def watch(self, now: float) -> None:
         """Realtime: the same without waiting; pulses end when they are not renewed."""
         if self._world.time_ns - self._command_ns > _PULSE_TIMEOUT_NS:
-            self._fans.pwm[:] = 0.0
+            self._fans.pwm[:] = self._fans.tilt_pwm[:] = 0.0
         if not self.ready() and self.flight_controller.expire(now):
             self._warn(self.flight_controller)
 
@@ -124,6 +128,8 @@ class PropulsionWires:
         sensors.pressure = sample.pressure
         sensors.battery_voltage = unit.battery_voltage
         sensors.battery_current = unit.battery_current
+        if self._telemetry:
+            sensors.fan_speed, sensors.fan_current = unit.speed, unit.current
         self._send()
 
     def _send(self) -> None:
@@ -146,7 +152,8 @@ class PropulsionWires:
         state.battery_current = unit.battery_current
         state.battery_charge = unit.battery_charge
         force, torque = state.wrench.force, state.wrench.torque
-        force.x, force.y, force.z, torque.x, torque.y, torque.z = unit.wrench_in_base.tolist()
+        force.x, force.y, force.z, torque.x, torque.y, torque.z = self._fans.wrench_in_base.tolist()
+        state.tilt = self._fans.tilt
         if self._world.gantry is not None:
             state.rope_taut = list(self._world.gantry.taut())
         self._state_publisher.publish(state)

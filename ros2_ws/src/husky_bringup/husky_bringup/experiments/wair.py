@@ -1,0 +1,132 @@
+"""Wing-assisted incline running: from the flat up a slope, held against it by the fans (T32)."""
+
+from __future__ import annotations
+
+import argparse
+
+from husky_bringup.incline_course import (
+    Course,
+    climb_onto,
+    course_for,
+    get_ready,
+    go,
+    go_to,
+    has_fallen,
+)
+from husky_bringup.incline_metrics import climb_summary
+from husky_bringup.run import Run
+from husky_bringup.scripts import sit_down
+from husky_bringup.session import Session
+from husky_bringup.system import ParameterValue
+
+_PUSH = 0.1
+"""Duration of a push [s]."""
+_STOPPING, _STANDING = 2.0, 3.0
+"""Time to come to a stop on the slope, and then to stand there [s]."""
+_THRUST_AT_45 = 40.0
+"""Most thrust at 45 degrees [N]."""
+MOUNTINGS = {"vector": "vectoring", "body_z": "fixed"}
+"""How the fans are mounted in each thrust mode."""
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Declare slope, speed, thrust and disturbances."""
+    parser.add_argument("--slope", type=float, default=45.0, help="of the ground [deg]")
+    parser.add_argument("--speed", type=float, default=0.25, help="along the slope [m/s]")
+    parser.add_argument("--duration", type=float, default=20.0, help="measured time [s]")
+    parser.add_argument("--friction", type=float, default=0.7, help="sliding friction [-]")
+    parser.add_argument(
+        "--thrust-mode", choices=tuple(MOUNTINGS), default="vector", help="how the fans push"
+    )
+    parser.add_argument("--no-thrust", action="store_true", help="climb with the legs alone")
+    parser.add_argument("--return", dest="back", action="store_true", help="stop, and walk down")
+    parser.add_argument("--pushes", type=int, default=0, help="how many, one every 3 s")
+    parser.add_argument("--push-impulse", type=float, default=5.0, help="of each [N s]")
+    parser.add_argument("--load-slope", type=float, help="tangential over normal load of the feet")
+    parser.add_argument("--seed", type=int, default=0, help="of all sensor noise")
+
+
+def settings(options: argparse.Namespace, course: Course) -> dict[str, dict[str, ParameterValue]]:
+    """Return the parameters of the nodes."""
+    controller: dict[str, ParameterValue] = {}
+    if options.no_thrust:
+        controller["wair.thrust_share"] = 0.0
+    if options.load_slope is not None:
+        controller["wair.load_slope"] = float(options.load_slope)
+    mounting: dict[str, ParameterValue] = {"mounting": MOUNTINGS[options.thrust_mode]}
+    plant = {"seed": options.seed, "body": "robot_with_unit", **course.plant()}
+    return {
+        "plant": {**plant, **mounting},
+        "flight_controller": dict(mounting),
+        "pixhawk_bridge": dict(mounting),
+        "low_level_controller": {**controller, **mounting},
+    }
+
+
+def run(run: Run) -> None:
+    """No fall, fast enough, feet inside of the cone, thrust within what the statics promise."""
+    options = run.options
+    course = course_for(options.slope, 1.5 * options.speed * options.duration, options.friction)
+    with run.session(settings(options, course), expected=options.duration + 40) as session:
+        get_ready(session, fans=not options.no_thrust)
+        reached = climb_onto(session, course, options.speed)
+        start = session.time
+        stands = reached and _climb(run, session, course)
+        end = session.time
+        came_back = True
+        if stands and options.back:
+            came_back = _come_back(run, session, course, options.speed)
+        assert session.state is not None
+        run.metrics["last_mode"] = session.state.mode
+        run.metrics["last_reason"] = session.state.reason
+        run.metrics["trajectory_sha256"] = session.trajectory_sha256
+    if not reached:
+        start = max(0.0, end - 2.0)
+        run.metrics["fell_before_the_slope"] = True
+    run.metrics |= climb_summary(run.recording(), run.robot(), course, start, end)
+    judge(run, course, falls=int(not (stands and came_back)))
+    run.illustrate()
+
+
+def judge(run: Run, course: Course, falls: int) -> None:
+    """State the criteria of a climb."""
+    metrics = run.metrics
+    run.require("falls", falls, upper=0)
+    run.require("mean_speed", metrics["mean_speed"], lower=0.2)
+    run.require("inside_cone", metrics["inside_cone"], lower=0.95)
+    run.require("slip_mm_per_step", metrics["slip_mm_per_step"], upper=5.0)
+    if course.slope_deg == 45.0 and run.options.thrust_mode == "vector":
+        run.require("thrust_max_n", metrics["thrust_max_n"], upper=_THRUST_AT_45)
+
+
+def _climb(run: Run, session: Session, course: Course) -> bool:
+    """Climb for the measured time, pushed now and then; return whether the robot stands."""
+    options = run.options
+    uphill = course.uphill
+    directions = ((0.0, 1.0, 0.0), (0.0, -1.0, 0.0), tuple(uphill), tuple(-uphill))
+    end = session.time + options.duration
+    for number in range(options.pushes):
+        size = options.push_impulse / _PUSH
+        x, y, z = (size * float(part) for part in directions[number % 4])
+        session.push((x, y, z), _PUSH)
+        if not go(session, course, 3.0, options.speed):
+            return False
+        run.say(f"push {number + 1} survived")
+    return go(session, course, max(0.0, end - session.time), options.speed)
+
+
+def _come_back(run: Run, session: Session, course: Course, speed: float) -> bool:
+    """Stop, stand, walk down backwards to the flat, stand and sit; return whether it did."""
+    if not go(session, course, _STOPPING, 0.0) or not go(session, course, _STANDING, 0.0):
+        return False
+    run.say("stood on the slope")
+    way = course.along(course.foot * 0.0) - 0.1
+    if not go_to(session, course, way, -speed, 5.0 + 2.0 * abs(way) / speed + 60.0):
+        return False
+    run.say("back on the flat")
+    if not go(session, course, _STOPPING, 0.0):
+        return False
+    session.set_mode("stand", reached="stand", within=3.0, patience=2.0)
+    session.release_velocity()
+    sit_down(session)
+    return not has_fallen(session, course) or session.state.mode == "passive"  # type: ignore[union-attr]

@@ -1,0 +1,99 @@
+"""What a recording says of a climb, as numbers ready for JSON."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from husky_bringup import measures
+from husky_bringup.incline_course import Course
+from husky_bringup.measures import by_group, peak, rms
+from husky_bringup.metrics import Summary
+from husky_bringup.recording import Recording
+from husky_description import graph
+from husky_description.robot import Robot
+
+_AT_CONE = 0.98
+"""Share of the friction coefficient from which on a sample counts as at the cone's edge."""
+
+
+def climb_summary(
+    recording: Recording, robot: Robot, course: Course, start: float, end: float
+) -> Summary:
+    """Return the figures of a climb between two times, on the straight part of a course.
+
+    Speeds are along the slope, loads and slip relative to it; attitude is the body's relative to
+    the slope. `inside_cone` is the share of stance samples whose tangential over normal force is
+    below 0.98 of the friction coefficient (T16, T33).
+
+    Args:
+        recording: of the run.
+        robot: its numbers.
+        course: the ground.
+        start: [s].
+        end: [s].
+    """
+    base = recording.base.between(start, end)
+    if len(base) < 2:
+        return {"duration_s": 0.0}
+    duration = float(base.time[-1] - base.time[0])
+    way = base.position[-1] - base.position[0]
+    result: Summary = {
+        "duration_s": duration,
+        "mean_speed": float(way @ course.uphill) / duration,
+        "lateral_drift_m": float(way[1]),
+        **_attitude(base.orientation, course),
+        **_feet(recording, robot, course, start, end),
+    }
+    torque = recording.joints.between(start, end).torque
+    for group, values in by_group(torque).items():
+        result[f"torque_rms_{group}_Nm"] = rms(values)
+        result[f"torque_peak_{group}_Nm"] = peak(values)
+        result[f"torque_at_limit_{group}"] = measures.share_above(
+            values, 0.98 * float(robot.joint_torque_limit.max())
+        )
+    if recording.has(graph.FAN_STATE):
+        result |= _thrust(recording, course, start, end)
+    return result
+
+
+def _attitude(orientation: measures.Array, course: Course) -> Summary:
+    """Roll, pitch and yaw of the body relative to the slope."""
+    slope = Rotation.from_euler("y", -course.slope)
+    yaw, pitch, roll = (slope.inv() * Rotation.from_quat(orientation)).as_euler("ZYX").T
+    return {
+        "roll_rms_deg": rms(np.degrees(roll)),
+        "pitch_rms_deg": rms(np.degrees(pitch)),
+        "yaw_max_deg": peak(np.degrees(yaw)),
+    }
+
+
+def _feet(
+    recording: Recording, robot: Robot, course: Course, start: float, end: float
+) -> Summary:
+    contacts = recording.contacts.between(start, end)
+    used = measures.friction_use(contacts.force, course.normal)
+    turning = measures.shin_angular_velocity(recording.base, recording.joints, contacts.time)
+    found = measures.steps(contacts, turning, robot.foot_radius, course.normal)
+    slips = 1e3 * np.array([step.slip for step in found])
+    nothing = float("nan")
+    return {
+        "inside_cone": float(np.mean(used < _AT_CONE * course.friction)) if len(used) else nothing,
+        "load_ratio_p50": float(np.median(used)) if len(used) else nothing,
+        "load_ratio_p95": float(np.percentile(used, 95)) if len(used) else nothing,
+        "steps": len(found),
+        "slip_mm_per_step": float(slips.mean()) if len(found) else nothing,
+        "slip_max_mm": float(slips.max()) if len(found) else nothing,
+    }
+
+
+def _thrust(recording: Recording, course: Course, start: float, end: float) -> Summary:
+    fans = recording.fans.between(start, end)
+    size = np.linalg.norm(fans.force, axis=1)
+    power = fans.battery_voltage * fans.battery_current
+    return {
+        "thrust_mean_n": float(size.mean()),
+        "thrust_max_n": float(size.max()),
+        "battery_power_mean_w": float(power.mean()),
+        "battery_charge_end": float(fans.battery_charge[-1]),
+    }

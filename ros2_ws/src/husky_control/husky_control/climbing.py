@@ -1,0 +1,228 @@
+"""Climbing with the fans' help (mode `wair`): the plane that is walked on, and the thrust for it.
+
+The order of things when the ground rises: the feet feel it, the fans spool up for it, and only then
+the body leans. So there are two planes: the measured one,
+for which thrust is asked, and the one that is walked on, which follows as far as the thrust that
+is given carries it.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from husky_control.assist import FAN_LAG
+from husky_control.estimator import GRAVITY
+from husky_control.incline import (
+    Incline,
+    axial_thrust,
+    gravity_in_plane,
+    load_direction,
+    load_slope,
+    plane_from_world,
+    thrust_for_load,
+    turn_towards,
+)
+from husky_control.parameters import Parameters
+from husky_description.robot import Robot
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+UP = np.array([0.0, 0.0, 1.0])
+GATE = 3.0
+"""The body leans while the thrust given is no more than this below what the lean needs [N]."""
+LEAN_FROM, LEAN_WHOLE = math.radians(6.0), math.radians(15.0)
+"""Slopes at which a body with fixed fans begins to lean ahead, and leans as far as it shall."""
+LEVEL = math.radians(8.0)
+"""Slope up to which the robot may stand as on the flat [rad]."""
+
+
+class Climbing:
+    """Plane, thrust and shift of the feet for one robot.
+
+    Attributes:
+        incline: the measured plane.
+        plane: (3, 3) rotation, world to the plane that is walked on.
+        turn: (3, 3) rotation, the plane frame of the last tick to that of this one, if turning.
+        turning: whether the plane has turned at this tick.
+        thrust: (3,) N in world, asked of the fans.
+        given: (3,) N in world, what they are taken to give now.
+        vectoring: the fans push in any direction; otherwise along the body's z axis alone.
+        pitch: of the body relative to the plane, nose down, so that a fixed axis points uphill
+            [rad].
+    """
+
+    def __init__(self, robot: Robot, parameters: Parameters) -> None:
+        """Level, fans off."""
+        self.parameters = parameters
+        self.mass = float(robot.mass)
+        self.vectoring = robot.fans.mounting == "vectoring"
+        self.pitch = 0.0
+        self.incline = Incline()
+        self.normal = UP.copy()
+        self.plane = np.eye(3)
+        self.turn = np.eye(3)
+        self.turning = False
+        self.thrust = np.zeros(3)
+        self.given = np.zeros(3)
+        self.active = False
+        self._failed = False
+
+    @property
+    def slope(self) -> float:
+        """Slope of the plane that is walked on [rad]."""
+        return math.acos(min(1.0, max(-1.0, float(self.normal[2]))))
+
+    @property
+    def gravity(self) -> Array:
+        """Gravity in the plane that is walked on, (3,) m/s^2."""
+        return gravity_in_plane(self.plane)
+
+    @property
+    def given_in_plane(self) -> Array:
+        """Thrust that acts, (3,) N in the plane that is walked on."""
+        return self.plane @ self.given
+
+    def begin(self, foot_in_world: Array) -> None:
+        """Start on level ground, all feet down."""
+        self.incline.reset(foot_in_world)
+        self.normal[:] = UP
+        self.plane = np.eye(3)
+        self.active = True
+
+    def end(self) -> None:
+        """Level again: the thrust goes by itself."""
+        self.active = False
+        self.pitch = 0.0
+        self.normal[:] = UP
+        self.plane = np.eye(3)
+
+    def tick(
+        self,
+        foot_in_world: Array,
+        standing: Mask,
+        touchdown: Mask,
+        left: Array,
+        velocity_error: Array,
+        available: bool,
+        dt: float,
+    ) -> None:
+        """Measure the plane, ask for thrust, lean.
+
+        Args:
+            foot_in_world: (4, 3) m, estimated.
+            standing: (4,) bool.
+            touchdown: (4,) bool.
+            left: (3,) unit vector in world, the body's left.
+            velocity_error: (3,) m/s in plane, desired minus estimated.
+            available: the propulsion unit is armed and follows.
+            dt: s.
+        """
+        p = self.parameters
+        self._failed = not available and p["wair.thrust_share"] > 0.0
+        self.incline.tick(
+            foot_in_world, standing, touchdown, left, p["wair.slope_filter"], dt
+        )
+        wanted = self._wanted(velocity_error) if available else np.zeros(3)
+        self._follow(wanted, available, dt)
+        self._lean(available, dt)
+
+    def fade(self, dt: float) -> None:
+        """Out of the mode: let the thrust go."""
+        self._follow(np.zeros(3), True, dt)
+
+    @property
+    def lost(self) -> bool:
+        """Whether the fans have failed where the feet cannot do without them."""
+        support = -self.mass * self.gravity
+        ratio = math.hypot(support[0], support[1]) / max(1e-3, float(support[2]))
+        return self._failed and ratio > self.parameters["wair.most_load_slope"]
+
+    @property
+    def lightness(self) -> float:
+        """Share of the weight that presses the feet onto the plane, as thrust is given now."""
+        normal = -self.mass * float(self.gravity[2]) - float(self.plane[2] @ self.given)
+        return normal / (self.mass * GRAVITY)
+
+    def load_slope(self) -> tuple[float, float]:
+        """Return the feet's tangential over normal load with the thrust given, (x, y) in plane."""
+        support = -self.mass * self.gravity - self.given_in_plane
+        return load_slope(support, self.parameters["wair.most_load_slope"])
+
+    def bend(self) -> Array:
+        """Return the rise per way, (4, 2), of each foot's own ground over the walked plane."""
+        normals = self.incline.pairs @ self.plane.T
+        slopes = -normals[:, :2] / np.maximum(normals[:, 2:], 0.3)
+        repeated: Array = np.repeat(slopes, 2, axis=0)
+        return repeated
+
+    def _needed(self, normals: list[Array]) -> Array:
+        """Thrust in world that the statics of the grounds under the feet ask for."""
+        p = self.parameters
+        if not self.vectoring:
+            lean = self.pitch
+            axis = np.array([math.sin(lean), 0.0, math.cos(lean)])
+            thrust = axial_thrust(self.gravity, self.mass, p["wair.load_slope"], axis)
+            along: Array = p["wair.thrust_share"] * (thrust @ self.plane)
+            return along
+        direction = load_direction(normals, p["wair.load_slope"])
+        thrust = thrust_for_load(
+            direction, self.mass, p["wair.least_load"], p["wair.thrust_limit"]
+        )
+        return p["wair.thrust_share"] * thrust
+
+    def _pitch_for(self, slope: float) -> float:
+        """Pitch relative to the plane at which a fixed axis helps: beyond the slope itself."""
+        p = self.parameters
+        if self.vectoring or p["wair.thrust_share"] == 0.0:
+            return 0.0
+        share = min(1.0, max(0.0, (slope - LEAN_FROM) / (LEAN_WHOLE - LEAN_FROM)))
+        return share * (slope + p["wair.lean_ahead"])
+
+    def _wanted(self, velocity_error: Array) -> Array:
+        p = self.parameters
+        needed = self._needed(self.incline.grounds())
+        size = math.sqrt(float(needed @ needed))
+        if size < 1e-6:
+            return needed
+        if not self.vectoring:
+            return needed * min(1.0, p["wair.thrust_limit"] / size)
+        # Feedback along the slope only: across the plane the legs hold the body.
+        push = p["wair.velocity_gain"] * velocity_error[:2]
+        most = min(p["wair.feedback_limit"], size)
+        length = math.hypot(push[0], push[1])
+        if length > most:
+            push *= most / length
+        wanted = needed + push @ self.plane[:2]
+        size, limit = math.sqrt(float(wanted @ wanted)), p["wair.thrust_limit"]
+        return wanted if size <= limit else wanted * (limit / size)
+
+    def _follow(self, wanted: Array, available: bool, dt: float) -> None:
+        step = self.parameters["wair.thrust_slew"] * dt
+        change = wanted - self.thrust
+        size = math.sqrt(float(change @ change))
+        self.thrust += change if size <= step else change * (step / size)
+        asked = self.thrust if available else np.zeros(3)
+        self.given += (asked - self.given) * min(1.0, dt / FAN_LAG)
+
+    def _lean(self, available: bool, dt: float) -> None:
+        p = self.parameters
+        most = p["wair.lean_rate"] * dt
+        self.pitch += min(most, max(-most, self._pitch_for(self.slope) - self.pitch))
+        ahead = turn_towards(self.normal, self.incline.normal, p["wair.lean_rate"] * dt)
+        steeper = ahead[2] < self.normal[2]
+        if steeper and available and self.vectoring:
+            needed = self._needed([ahead])
+            have = math.sqrt(float(self.given @ self.given))
+            if math.sqrt(float(needed @ needed)) > have + GATE:
+                ahead = self.normal
+        self.turning = float(np.abs(ahead - self.normal).max()) > 1e-7
+        if not self.turning:
+            return
+        plane = plane_from_world(ahead)
+        self.turn = plane @ self.plane.T
+        self.normal[:] = ahead
+        self.plane = plane

@@ -1,0 +1,88 @@
+"""What becomes of a force in any direction when something fails.
+
+The unit is held in place; this test is its controller.
+"""
+
+import numpy as np
+import pytest
+
+from husky_description import graph
+
+pytestmark = pytest.mark.graph
+
+UP_THE_WALL = np.array((0.8, 0.0, -0.6))
+"""Forward and down in base."""
+FORCE = 32.0
+NO_THRUST = 0.5
+"""Of all fans, that counts as none [N]."""
+
+
+@pytest.fixture(scope="module")
+def companion_of_module(new_graph, commanding, held_unit):
+    with new_graph(**held_unit(mounting="vectoring", seed=1)) as robot:
+        yield commanding(robot)
+
+
+@pytest.fixture
+def companion(companion_of_module):
+    companion_of_module.arm()
+    return companion_of_module
+
+
+def falls(made):
+    """The force only falls, along the direction that it had."""
+    length = np.linalg.norm(made, axis=1)
+    assert (length - np.minimum.accumulate(length)).max() < 0.3
+    along = made @ (made[0] / length[0])
+    assert np.linalg.norm(made - along[:, None] * made[0] / length[0], axis=1).max() < 0.5
+    return length
+
+
+def test_vectored_commands_stop(companion, record_property):
+    companion.pushes(FORCE * UP_THE_WALL)
+    times, made = companion.silence(2.5)
+    length = falls(made)
+    record_property("reaction_s", times[length > NO_THRUST][-1] - times[0])
+    assert times[length > NO_THRUST][-1] - times[0] < 2.0
+    assert not companion.session.propulsion.armed
+
+
+def test_vectored_thrust_killed(companion, record_property):
+    companion.pushes(FORCE * UP_THE_WALL)
+    companion.robot.trigger(graph.PROPULSION_KILL)
+    times, made = companion.silence(1.5)
+    length = falls(made)
+    record_property("reaction_s", times[length > NO_THRUST][-1] - times[0])
+    assert times[length > NO_THRUST][-1] - times[0] < 1.0
+
+
+def test_vectored_flight_controller_dies(companion, record_property):
+    s = companion.session
+    companion.pushes(FORCE * UP_THE_WALL)
+    s.kill(graph.FLIGHT_CONTROLLER)
+    times, made = companion.silence(2.0)
+    length = falls(made)
+    record_property("reaction_s", times[length > NO_THRUST][-1] - times[0])
+    assert times[length > NO_THRUST][-1] - times[0] < 1.5
+    s.start(graph.FLIGHT_CONTROLLER)
+
+
+def test_vectored_fan_lost(companion, record_property):
+    s = companion.session
+    force = FORCE * UP_THE_WALL
+    companion.pushes(force)
+    assert s.propulsion.thrust_limit > 70.0
+    failed = s.time
+    s.inject(graph.PLANT_INJECT_FAULT, "front_left_fan", "fail")
+    while all(s.propulsion.fan_ok):
+        assert s.time < failed + 0.5, "nobody says that a fan is lost"
+        companion.ask(force, 0.02)
+    record_property("reaction_s", s.time - failed)
+    assert list(s.propulsion.fan_ok) == [False, True, True, True]
+    assert s.propulsion.reason == "Fan front_left lost"
+    # The three that are left make the force again, without a moment.
+    companion.pushes(force, 1.5)
+    assert 36.0 < s.propulsion.thrust_limit < 50.0  # of a full pack, which sags
+    torque = s.fans.wrench.torque
+    assert max(abs(torque.x), abs(torque.y)) < 0.2, torque
+    companion.robot.reported(graph.PIXHAWK_BRIDGE, "fan lost: front_left")
