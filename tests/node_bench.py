@@ -18,7 +18,7 @@ from typing import Any
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
@@ -256,6 +256,58 @@ def every(period: float, act: Callable[[], object]) -> Callable[[], None]:
             act()
 
     return act_if_due
+
+
+class SensorBench(DeviceBench):
+    """A bench with a sensor and its driver.
+
+    Attributes:
+        samples: what has been published since `wait_for_samples` was called.
+    """
+
+    def __init__(
+        self,
+        domain: int,
+        directory: Path,
+        module: str,
+        period: float,
+        tick: Callable[[int], None],
+        kind: type,
+        topic: str,
+    ):
+        """As a `DeviceBench`; listens to a topic of this kind."""
+        super().__init__(domain, directory, module, period, tick)
+        self.samples: list[Any] = []
+        self.node.create_subscription(kind, topic, self.samples.append, qos.CONTROL)
+
+    def wait_for_samples(self, count: int = 100) -> None:
+        """Wait for so many fresh samples."""
+        self.samples.clear()
+        self.wait(lambda: len(self.samples) >= count, f"{count} samples")
+
+    def wait_for_good_report(self) -> dict[str, str]:
+        """Wait for a report that all is well; return its values."""
+        return self.wait_for_report(lambda s: s.level == DiagnosticStatus.OK, "a good report")
+
+    def check_the_plug(self) -> None:
+        """A pulled plug is reported, and the samples come back with it."""
+        self.wait_for_samples()
+        with self.held():
+            self.port.unplug()
+        self.wait_for_report(lambda s: s.level == DiagnosticStatus.ERROR, "the lost port")
+        with self.held():
+            self.port.replug()
+        self.wait_for_samples()
+
+    def check_deactivation(self) -> None:
+        """A deactivated driver gives the port back, an activated one opens it again."""
+        self.wait_for_samples()
+        assert self.lifecycle_state() == State.PRIMARY_STATE_ACTIVE
+        assert self.change_state(Transition.TRANSITION_DEACTIVATE)
+        self.wait(lambda: not self.port.connected, "the port to be closed")
+        assert self.lifecycle_state() == State.PRIMARY_STATE_INACTIVE
+        assert self.change_state(Transition.TRANSITION_ACTIVATE)
+        self.wait_for_samples()
 
 
 def assert_refused(module: str, words: str, **parameters: Any) -> None:

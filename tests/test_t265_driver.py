@@ -12,11 +12,11 @@ pytest.importorskip("rclpy")
 from diagnostic_msgs.msg import DiagnosticStatus
 from lifecycle_msgs.msg import State, Transition
 from nav_msgs.msg import Odometry
-from node_bench import DeviceBench, assert_refused
+from node_bench import SensorBench, assert_refused
 from scipy.spatial.transform import Rotation
 
 from husky_description import graph
-from husky_description.nodes import qos, stamps
+from husky_description.nodes import stamps
 from husky_description.robot import load_robot
 from husky_drivers.t265_frames import base_pose
 from husky_sim.t265_device import T265Device
@@ -31,14 +31,12 @@ VELOCITY = HEADING.apply([SPEED, 0.0, 0.0])
 MODULE = "husky_drivers.nodes.t265_driver"
 
 
-class Bench(DeviceBench):
+class Bench(SensorBench):
     """A camera that walks straight on at 0.5 m/s along a heading of 0.7 rad, and its driver."""
 
     def __init__(self, domain, directory, topic=graph.T265_ODOMETRY, **parameters):
         self.camera = T265Device(FIGURES, 5)
-        super().__init__(domain, directory, MODULE, 0.005, self._tick)
-        self.samples = []
-        self.node.create_subscription(Odometry, topic, self.samples.append, qos.CONTROL)
+        super().__init__(domain, directory, MODULE, 0.005, self._tick, Odometry, topic)
         self.start(port=self.port.path, topic=topic, **parameters)
 
     def _tick(self, number):
@@ -46,10 +44,6 @@ class Bench(DeviceBench):
         position = 1e-9 * time_ns * VELOCITY
         self.camera.sample(time_ns, position, HEADING.as_quat(), VELOCITY, (0.0, 0.0, 0.0))
         self.port.service(self.camera)
-
-    def wait_for_samples(self, count=50):
-        self.samples.clear()
-        self.wait(lambda: len(self.samples) >= count, f"{count} samples")
 
     def inject(self, fault, intensity=None):
         with self.held():
@@ -92,7 +86,7 @@ def test_odometry_in_ros_axes_stamped_by_the_device(bench):
         levels.add(confidence)
     assert 3 in levels and 0 not in levels
 
-    values = bench.wait_for_report(lambda s: s.level == DiagnosticStatus.OK, "a good report")
+    values = bench.wait_for_good_report()
     assert (values["state"], values["backend"], values["tracker_confidence"]) == (
         "tracking",
         "sim",
@@ -103,13 +97,7 @@ def test_odometry_in_ros_axes_stamped_by_the_device(bench):
 
 
 def test_faults_of_line_and_device_are_reported_and_survived(bench):
-    bench.wait_for_samples()
-    with bench.held():
-        bench.port.unplug()
-    bench.wait_for_report(lambda s: s.level == DiagnosticStatus.ERROR, "a report of the lost port")
-    with bench.held():
-        bench.port.replug()
-    bench.wait_for_samples()
+    bench.check_the_plug()
     bench.inject("freeze")
     bench.wait_for_report(lambda s: s.message == "frozen", "a report of the frozen stream")
     bench.inject("lost")
@@ -121,17 +109,11 @@ def test_faults_of_line_and_device_are_reported_and_survived(bench):
     bench.inject("jump", 1.0)
     values = bench.wait_for_report(lambda s: "jump" in s.message, "a report of the jump")
     assert int(values["jumps"]) >= 1
-    bench.wait_for_report(lambda s: s.level == DiagnosticStatus.OK, "a good report")
+    bench.wait_for_good_report()
 
 
 def test_a_deactivated_driver_gives_the_port_back(bench):
-    bench.wait_for_samples()
-    assert bench.lifecycle_state() == State.PRIMARY_STATE_ACTIVE
-    assert bench.change_state(Transition.TRANSITION_DEACTIVATE)
-    bench.wait(lambda: not bench.port.connected, "the port to be closed")
-    assert bench.lifecycle_state() == State.PRIMARY_STATE_INACTIVE
-    assert bench.change_state(Transition.TRANSITION_ACTIVATE)
-    bench.wait_for_samples()
+    bench.check_deactivation()
     bench.end(signal.SIGINT)
 
 

@@ -8,14 +8,13 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from diagnostic_msgs.msg import DiagnosticStatus
 from lifecycle_msgs.msg import State, Transition
-from node_bench import DeviceBench, assert_refused
+from node_bench import SensorBench, assert_refused
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Imu
 
 from husky_description import graph
-from husky_description.nodes import qos, stamps
+from husky_description.nodes import stamps
 from husky_description.robot import load_robot
 from husky_drivers.vn200_imu import ImuFigures
 from husky_sim.vn200_device import Vn200Device, Vn200Options
@@ -29,23 +28,17 @@ TILT = Rotation.from_euler("xyz", [0.2, -0.1, 2.5])
 POSE = (tuple(TILT.as_quat()), (0.5, -0.25, 1.0), (1.0, 2.0, 9.0))
 
 
-class Bench(DeviceBench):
+class Bench(SensorBench):
     """An IMU that turns on the spot, at about its own pace, and its driver."""
 
     def __init__(self, domain, directory, **parameters):
         self.imu = Vn200Device(FIGURES, 5, Vn200Options(reset_time=0.0))
-        super().__init__(domain, directory, MODULE, 0.00125, self._tick)
-        self.samples = []
-        self.node.create_subscription(Imu, graph.IMU, self.samples.append, qos.CONTROL)
+        super().__init__(domain, directory, MODULE, 0.00125, self._tick, Imu, graph.IMU)
         self.start(port=self.port.path, **parameters)
 
     def _tick(self, number):
         self.imu.sample((number + 1) * PERIOD_NS, *POSE)
         self.port.service(self.imu)
-
-    def wait_for_samples(self, count=100):
-        self.samples.clear()
-        self.wait(lambda: len(self.samples) >= count, f"{count} samples")
 
 
 @pytest.fixture
@@ -72,7 +65,7 @@ def test_samples_in_ros_axes_stamped_by_the_device(bench):
     scatter = np.var([sample.linear_acceleration.z for sample in bench.samples])
     assert bench.samples[0].linear_acceleration_covariance[8] == pytest.approx(scatter, rel=0.4)
 
-    values = bench.wait_for_report(lambda s: s.level == DiagnosticStatus.OK, "a good report")
+    values = bench.wait_for_good_report()
     assert (values["state"], values["model"], values["baud"]) == (
         "streaming",
         "VN-200T-CR",
@@ -83,13 +76,7 @@ def test_samples_in_ros_axes_stamped_by_the_device(bench):
 
 
 def test_faults_of_line_and_device_are_reported_and_survived(bench):
-    bench.wait_for_samples()
-    with bench.held():
-        bench.port.unplug()
-    bench.wait_for_report(lambda s: s.level == DiagnosticStatus.ERROR, "a report of the lost port")
-    with bench.held():
-        bench.port.replug()
-    bench.wait_for_samples()
+    bench.check_the_plug()
     with bench.held():
         bench.imu.inject("truncate")
     values = bench.wait_for_report(lambda s: "damaged" in s.message, "a report of damage")
@@ -98,17 +85,11 @@ def test_faults_of_line_and_device_are_reported_and_survived(bench):
     with bench.held():
         bench.imu.inject("power_cycle")
     bench.wait_for_samples()
-    bench.wait_for_report(lambda s: s.level == DiagnosticStatus.OK, "a good report")
+    bench.wait_for_good_report()
 
 
 def test_a_deactivated_driver_gives_the_port_back(bench):
-    bench.wait_for_samples()
-    assert bench.lifecycle_state() == State.PRIMARY_STATE_ACTIVE
-    assert bench.change_state(Transition.TRANSITION_DEACTIVATE)
-    bench.wait(lambda: not bench.port.connected, "the port to be closed")
-    assert bench.lifecycle_state() == State.PRIMARY_STATE_INACTIVE
-    assert bench.change_state(Transition.TRANSITION_ACTIVATE)
-    bench.wait_for_samples()
+    bench.check_deactivation()
     bench.end(signal.SIGINT)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -80,7 +80,7 @@ def unit_attitude(recording: Recording, robot: Robot, directory: Path) -> Path:
         _frame_y(axis, base.time, true[:, row], state.time[held[:, 0]])
     label_rows(axes[:, 0], ("roll [deg]", "pitch [deg]", "yaw [deg]"))
     _frame(recording, axes[:, 0], ropes)
-    entries: list[tuple[str, Mapping[str, Any]]] = [
+    entries: list[tuple[str, dict[str, Any]]] = [
         ("desired", {"color": DESIRED, "linestyle": "--"}),
         ("measured", {"color": ESTIMATE}),
         ("truth", {"color": TRUTH}),
@@ -134,9 +134,7 @@ def _ropes(recording: Recording) -> list[Span]:
     return taut_spans(recording.fans) if recording.has(graph.FAN_STATE) else []
 
 
-def _frame(
-    recording: Recording, axes: Sequence[Axes] | NDArray[Any], ropes: Sequence[Span] = ()
-) -> None:
+def _frame(recording: Recording, axes: NDArray[Any], ropes: Sequence[Span] = ()) -> None:
     """Set the time range; draw modes, and where a rope is taut, behind axes above each other."""
     frame_rows(recording, axes)
     for axis in axes:

@@ -12,8 +12,9 @@ from __future__ import annotations
 from enum import IntEnum
 from typing import NamedTuple
 
+from husky_description.quaternion import Quaternion, multiply
+
 Vector = tuple[float, float, float]
-Quaternion = tuple[float, float, float, float]
 Pose = tuple[float, float, float, float, float, float, float]
 """Position x, y, z [m] and quaternion (x, y, z, w)."""
 Twist = tuple[float, float, float, float, float, float]
@@ -136,18 +137,6 @@ def base_pose(pose: Pose, position: Vector, orientation: Quaternion) -> Pose:
 
 
 # Quaternions ------------------------------------------------------------------------------------
-def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
-    """Return the product of two quaternions (x, y, z, w): the rotation b, then a."""
-    ax, ay, az, aw = a
-    bx, by, bz, bw = b
-    return (
-        aw * bx + ax * bw + ay * bz - az * by,
-        aw * by - ax * bz + ay * bw + az * bx,
-        aw * bz + ax * by - ay * bx + az * bw,
-        aw * bw - ax * bx - ay * by - az * bz,
-    )
-
-
 def rotate(rotation: Quaternion, vector: Vector) -> Vector:
     """Return a vector rotated by a unit quaternion (x, y, z, w)."""
     x, y, z, w = rotation

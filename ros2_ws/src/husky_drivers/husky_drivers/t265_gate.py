@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from husky_drivers.t265_frames import Confidence, PoseFrame, Quaternion, Vector
+from husky_description.quaternion import Quaternion
+from husky_drivers.t265_frames import Confidence, PoseFrame, Vector
 
 _MAX_TRANSLATION = 1e5
 _MAX_VELOCITY = 100.0

@@ -10,11 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from husky_description.quaternion import multiply
 from husky_drivers.t265_frames import (
     PoseFrame,
     base_pose,
     covariance,
-    multiply,
     odometry,
     rotate,
     rotation_from_ros,

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from husky_description.quaternion import multiply
 from husky_pu.attitude_estimator import Quaternion
 from husky_pu.autopilot_imu import Vector
 
@@ -48,17 +49,17 @@ def rate_demand(attitude: Quaternion, desired: Quaternion, gains: ControlGains) 
         gains: see `ControlGains`.
     """
     # Tilt first: the shortest turn that brings the body's z axis where it is wanted.
-    ex, ey, ez, ew = _product(_conjugate(attitude), desired)
+    ex, ey, ez, ew = multiply(_conjugate(attitude), desired)
     # The desired z axis in the body.
     zx, zy, zz = 2 * (ex * ez + ew * ey), 2 * (ey * ez - ew * ex), 1 - 2 * (ex * ex + ey * ey)
     if zz > -1 + 1e-6:
         scale = 1.0 / math.sqrt(2 * (1 + zz))
         tilt: Quaternion = (-zy * scale, zx * scale, 0.0, 0.5 / scale)
         # What is left is a turn about z alone.
-        _, _, rz, rw = _product(_conjugate(tilt), (ex, ey, ez, ew))
+        _, _, rz, rw = multiply(_conjugate(tilt), (ex, ey, ez, ew))
         half = math.atan2(rz, rw) if rw >= 0.0 else math.atan2(-rz, -rw)
         half *= gains.yaw_weight
-        ex, ey, ez, ew = _product(tilt, (0.0, 0.0, math.sin(half), math.cos(half)))
+        ex, ey, ez, ew = multiply(tilt, (0.0, 0.0, math.sin(half), math.cos(half)))
     sign = 2.0 if ew >= 0.0 else -2.0
     kx, ky, kz = gains.attitude
     # The yaw gain has the weight in it already: undo it, as PX4 does.
@@ -127,15 +128,3 @@ class RateControl:
 
 def _conjugate(q: Quaternion) -> Quaternion:
     return (-q[0], -q[1], -q[2], q[3])
-
-
-def _product(a: Quaternion, b: Quaternion) -> Quaternion:
-    """Return the quaternion (x, y, z, w) that turns by `b`, then by `a`."""
-    ax, ay, az, aw = a
-    bx, by, bz, bw = b
-    return (
-        aw * bx + ax * bw + ay * bz - az * by,
-        aw * by - ax * bz + ay * bw + az * bx,
-        aw * bz + ax * by - ay * bx + az * bw,
-        aw * bw - ax * bx - ay * by - az * bz,
-    )

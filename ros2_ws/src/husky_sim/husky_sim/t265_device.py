@@ -8,13 +8,12 @@ from collections.abc import Sequence
 
 from scipy.spatial.transform import Rotation
 
+from husky_description.quaternion import Quaternion, multiply
 from husky_description.sections import T265
 from husky_drivers.t265_frames import (
     Confidence,
     PoseFrame,
-    Quaternion,
     Vector,
-    multiply,
     rotate,
     rotation_from_ros,
     vector_from_ros,

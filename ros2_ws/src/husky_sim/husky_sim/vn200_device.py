@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from husky_description.quaternion import multiply
 from husky_drivers.vn200_binary import IMU_LAYOUT, BinaryOutput
 from husky_drivers.vn200_imu import ImuFigures, Quaternion, swap_world_and_body
 from husky_drivers.vn200_protocol import MAX_LINE, ErrorCode, ProtocolError, decode_ascii
@@ -186,7 +187,7 @@ class Vn200Device:
         """Return the attitude that is reported, FRD body to NED, for one in ROS axes."""
         scale = 1.0 / (math.sqrt(x * x + y * y + z * z + w * w) or 1.0)
         attitude = swap_world_and_body((x * scale, y * scale, z * scale, w * scale))
-        return attitude if self._tare is None else _product(self._tare, attitude)
+        return attitude if self._tare is None else multiply(self._tare, attitude)
 
     def _plan_output(self) -> None:
         """Make the list of what is sent every so many samples."""
@@ -246,7 +247,7 @@ class Vn200Device:
             self._registers.save()
         elif command == "TAR":
             _, x, y, z, w, *_ = self._measurement
-            self._tare = _product((-x, -y, -z, w), self._tare or (0.0, 0.0, 0.0, 1.0))
+            self._tare = multiply((-x, -y, -z, w), self._tare or (0.0, 0.0, 0.0, 1.0))
         return ()
 
     def _restart(self) -> None:
@@ -303,15 +304,3 @@ def _encoder(output: BinaryOutput) -> Callable[[Measurement], bytes]:
     if layout == IMU_LAYOUT:
         return lambda measurement: layout.encode(*measurement)
     return lambda measurement: layout.encode(*binary_values(layout.fields, measurement))
-
-
-def _product(a: Quaternion, b: Quaternion) -> Quaternion:
-    """Return the quaternion product; (x, y, z, w)."""
-    ax, ay, az, aw = a
-    bx, by, bz, bw = b
-    return (
-        aw * bx + ax * bw + ay * bz - az * by,
-        aw * by - ax * bz + ay * bw + az * bx,
-        aw * bz + ax * by - ay * bx + az * bw,
-        aw * bw - ax * bx - ay * by - az * bz,
-    )

@@ -23,13 +23,13 @@ from husky_description.nodes import diagnostics, qos, stamps
 from husky_description.nodes.parameters import declare, declare_mounting
 from husky_description.nodes.run import run
 from husky_description.nodes.tick_clock import TickClock, percentile_ms
-from husky_description.pty_port import PtyPort
 from husky_description.robot import load_robot
 from husky_drivers.vn200_imu import ImuFigures
 from husky_msgs.msg import EstimateError, FootContacts, ServoCommand, ServoState
 from husky_msgs.srv import ApplyWrench, InjectFault, ResetWorld, StepWorld
 from husky_sim.nodes.plant_parameters import declare_world
 from husky_sim.nodes.propulsion_wires import PropulsionWires
+from husky_sim.nodes.sensor_line import SensorLine, warn_of_silence
 from husky_sim.vn200_device import Vn200Device
 from husky_sim.world import Array, World
 
@@ -74,17 +74,14 @@ class Plant(Node):
         if scene:
             Path(scene).write_text(self._world.scene_xml)
         self._seed = options.seed
-        self._imu = Vn200Device(ImuFigures.of(robot.imu), self._seed)
-        self._imu_port = PtyPort(
-            declare(
-                self,
-                "imu_port",
-                graph.serial_port("vn200", self.context.get_domain_id()),
-                "where the IMU's serial line appears",
-            )
+        self._imu = SensorLine(
+            self,
+            Vn200Device(ImuFigures.of(robot.imu), self._seed),
+            "imu_port",
+            "the IMU's serial line",
+            Peer(graph.VN200_DRIVER, grace),
         )
         self._bridge = Peer(graph.DRIVE_BRIDGE, grace)
-        self._imu_driver = Peer(graph.VN200_DRIVER, grace)  # awaited at the start only
         self._command_ns = -1
         self._paused = declare(self, "start_paused", False, "wait for the step or pause service")
         self._steps_left = 0
@@ -120,7 +117,7 @@ class Plant(Node):
             self.hot.append(self._wires.hot)
         if not self._world.has_legs:
             self._bridge = Peer(graph.DRIVE_BRIDGE, grace, start_grace=None)
-            self._imu_driver = Peer(graph.VN200_DRIVER, grace, start_grace=None)
+            self._imu.expect(Peer(graph.VN200_DRIVER, grace, start_grace=None))
         self.create_service(ResetWorld, graph.PLANT_RESET, self._on_reset)
         self.create_service(SetBool, graph.PLANT_PAUSE, self._on_pause)
         self.create_service(StepWorld, graph.PLANT_STEP, self._on_step)
@@ -175,7 +172,7 @@ class Plant(Node):
 
     def quiet(self) -> None:
         """Talk to the IMU's driver, say again what was lost, go on without a lost peer."""
-        self._imu_port.service(self._imu)
+        self._imu.service()
         if not self._lockstep:
             return
         if self._started and not self._bridge.ready(self._world.time_ns):
@@ -191,9 +188,7 @@ class Plant(Node):
 
     def _await_bridge(self, now: float) -> None:
         if self._bridge.expire(now):
-            self.get_logger().warning(
-                f"{self._bridge.name} is silent: going on without it, the run is not deterministic"
-            )
+            warn_of_silence(self, self._bridge)
 
     def _advance(self) -> None:
         """Step if the tick is complete and the world may go on; then publish the new state."""
@@ -211,15 +206,8 @@ class Plant(Node):
 
     def _sensors_are_set_up(self) -> bool:
         """Return whether the drivers have told their devices to stream: no run misses a sample."""
-        imu = self._imu_is_set_up()
+        imu = self._imu.is_set_up()
         return (self._wires is None or self._wires.driver_is_set_up()) and imu
-
-    def _imu_is_set_up(self) -> bool:
-        if self._imu.streaming:
-            self._imu_driver.answer(0)
-        elif self._imu_driver.expire(time.monotonic()):
-            self.get_logger().warning(f"{self._imu_driver.name} is silent: starting without it")
-        return self._imu_driver.ready(0)
 
     def _running(self) -> bool:
         return self._steps_left > 0 or not self._paused
@@ -231,14 +219,14 @@ class Plant(Node):
         self._steps_left = max(0, self._steps_left - 1)
         self._publish_state()  # first: the others work while the IMU's bytes are written
         for sample in samples:
-            self._imu.sample(
+            self._imu.device.sample(
                 sample.time_ns,
                 sample.orientation,
                 sample.angular_velocity,
                 sample.specific_force,
             )
             self._imu_sent[sample.time_ns] = time.perf_counter()
-        self._imu_port.service(self._imu)
+        self._imu.service()
         if self._wires is not None:
             self._wires.serve()
         self._remember_truth()
@@ -349,7 +337,7 @@ class Plant(Node):
         self._imu_sent.clear()
         self._truths.clear()
         self._seed = self._seed if request.seed < 0 else int(request.seed)
-        self._imu.restart(self._seed)
+        self._imu.device.restart(self._seed)
         self._bridge.restart()
         if self._wires is not None:
             self._wires.restart(self._seed)
@@ -417,12 +405,7 @@ class Plant(Node):
                     f"target is {request.target!r}, the plant has: {', '.join(targets)}"
                 )
                 return response
-            if request.fault == "unplug":
-                self._imu_port.unplug()
-            else:
-                kind, _, intensity = request.fault.partition(":")
-                self._imu_port.replug()
-                self._imu.inject(kind, float(intensity) if intensity else None)
+            self._imu.inject(request.fault)
         except ValueError as error:
             response.message = f"{error}, unplug"
             return response
@@ -460,7 +443,7 @@ class Plant(Node):
 
     def close(self) -> None:
         """Give the serial line back."""
-        self._imu_port.close()
+        self._imu.close()
         if self._wires is not None:
             self._wires.close()
 

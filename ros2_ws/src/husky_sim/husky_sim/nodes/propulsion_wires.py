@@ -12,9 +12,8 @@ from rclpy.subscription import Subscription
 from husky_description import graph
 from husky_description.lockstep import Peer
 from husky_description.nodes import qos, stamps
-from husky_description.nodes.parameters import declare
-from husky_description.pty_port import PtyPort
 from husky_msgs.msg import FanCommand, FanState, FlightSensors
+from husky_sim.nodes.sensor_line import SensorLine, warn_of_silence
 from husky_sim.t265_device import T265Device
 from husky_sim.world import World
 
@@ -50,7 +49,6 @@ class PropulsionWires:
         self._node, self._world, self._fans = node, world, world.fans
         self._advance = advance
         self.flight_controller = Peer(graph.FLIGHT_CONTROLLER, grace)
-        self._t265_driver = Peer(graph.T265_DRIVER, grace)  # awaited at the start only
         self._command_ns = -1
         self._sent_at = time.monotonic()
         self._sensors, self._state = FlightSensors(), FanState()
@@ -63,14 +61,12 @@ class PropulsionWires:
         self.hot: Subscription = node.create_subscription(
             FanCommand, graph.FAN_COMMAND, self._on_command, qos.CONTROL
         )
-        self._t265 = T265Device(world.robot.t265, seed)
-        self._t265_port = PtyPort(
-            declare(
-                node,
-                "t265_port",
-                graph.serial_port("t265", node.context.get_domain_id()),
-                "where the T265's wire appears",
-            )
+        self._t265 = SensorLine(
+            node,
+            T265Device(world.robot.t265, seed),
+            "t265_port",
+            "the T265's wire",
+            Peer(graph.T265_DRIVER, grace),
         )
 
     # The tick -------------------------------------------------------------------------------
@@ -92,11 +88,7 @@ class PropulsionWires:
 
     def driver_is_set_up(self) -> bool:
         """Return whether the T265's driver listens, so that no run misses a pose."""
-        if self._t265.streaming:
-            self._t265_driver.answer(0)
-        elif self._t265_driver.expire(time.monotonic()):
-            self._warn(self._t265_driver)
-        return self._t265_driver.ready(0)
+        return self._t265.is_set_up()
 
     def await_answer(self, now: float) -> None:
         """Say the sensors again when they may have been lost; give a silent peer up."""
@@ -104,19 +96,14 @@ class PropulsionWires:
             self._send()
         if self.flight_controller.expire(now):
             self._fans.pwm[:] = self._fans.tilt_pwm[:] = 0.0  # a dead autopilot gives no pulses
-            self._warn(self.flight_controller)
+            warn_of_silence(self._node, self.flight_controller)
 
     def watch(self, now: float) -> None:
         """Realtime: the same without waiting; pulses end when they are not renewed."""
         if self._world.time_ns - self._command_ns > _PULSE_TIMEOUT_NS:
             self._fans.pwm[:] = self._fans.tilt_pwm[:] = 0.0
         if not self.ready() and self.flight_controller.expire(now):
-            self._warn(self.flight_controller)
-
-    def _warn(self, peer: Peer) -> None:
-        self._node.get_logger().warning(
-            f"{peer.name} is silent: going on without it, the run is not deterministic"
-        )
+            warn_of_silence(self._node, self.flight_controller)
 
     def publish(self) -> None:
         """Tell what the flight controller's sensors measure now."""
@@ -139,9 +126,9 @@ class PropulsionWires:
     def serve(self) -> None:
         """Carry the T265's poses of this tick, and what is on its wire."""
         for pose in self._world.poses:
-            self._t265.sample(*pose)
+            self._t265.device.sample(*pose)
         self._world.poses.clear()
-        self._t265_port.service(self._t265)
+        self._t265.service()
 
     def publish_state(self) -> None:
         """Tell the truth about the fans."""
@@ -161,7 +148,7 @@ class PropulsionWires:
     # Rest -----------------------------------------------------------------------------------
     def restart(self, seed: int) -> None:
         """The world is back at time 0."""
-        self._t265.restart(seed)
+        self._t265.device.restart(seed)
         self.flight_controller.restart()
         self._command_ns = -1
 
@@ -180,12 +167,7 @@ class PropulsionWires:
         elif target == "battery":
             unit.set_charge(float(fault) if fault else 1.0)
         elif target == "t265":
-            if fault == "unplug":
-                self._t265_port.unplug()
-            else:
-                kind, _, intensity = fault.partition(":")
-                self._t265_port.replug()
-                self._t265.inject(kind, float(intensity) if intensity else None)
+            self._t265.inject(fault)
         else:
             return False
         return True
@@ -196,4 +178,4 @@ class PropulsionWires:
 
     def close(self) -> None:
         """Give the wire back."""
-        self._t265_port.close()
+        self._t265.close()
