@@ -5,25 +5,34 @@
 #   HUSKY_PYTHON=/usr/bin/python3.12 scripts/setup.sh   use this Python (3.11 or 3.12)
 #   HUSKY_ROS_PREFIX=/opt/ros/jazzy  scripts/setup.sh   use the ROS that is installed there
 #   HUSKY_ROS_PREFIX=wheels          scripts/setup.sh   use the wheels, even where /opt/ros/jazzy is
+#   scripts/setup.sh --nodes                            only what the nodes need: no tests, figures, video (Docker images)
+#   scripts/setup.sh --no-build                         only the packages of the package index
 set -euo pipefail
 
-case "${1:-}" in
-    "") ;;
-    -h | --help)
-        sed -n '2,/^set /{/^# \{0,1\}/s///p}' "${BASH_SOURCE[0]}"
-        exit 0
-        ;;
-    *)
-        echo "setup: unknown argument $1 (--help tells what there is)" >&2
-        exit 2
-        ;;
-esac
+lists=(build runtime figures test) # of scripts/requirements
+build=yes
+for argument in "$@"; do
+    case "$argument" in
+        --nodes) lists=(build runtime) ;;
+        --no-build) build=no ;;
+        -h | --help)
+            sed -n '2,/^set /{/^# \{0,1\}/s///p}' "${BASH_SOURCE[0]}"
+            exit 0
+            ;;
+        *)
+            echo "setup: unknown argument $argument (--help tells what there is)" >&2
+            exit 2
+            ;;
+    esac
+done
 
 root="$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd -P)"
 workspace="$root/ros2_ws"
 venv="$root/.venv"
 requirements="$root/scripts/requirements"
 log="$root/log/setup.log"
+lists=("${lists[@]/#/$requirements/}")
+lists=("${lists[@]/%/.txt}")
 
 fail() {
     printf 'setup: %s\n' "$@" >&2
@@ -155,7 +164,7 @@ environment_identity() { # underlay, python
 environment_hash() { # identity
     {
         echo "$1"
-        cat "$requirements"/*.txt "$root/scripts/relocate_wheels.py" "${BASH_SOURCE[0]}"
+        cat "${lists[@]}" "$requirements/ros_jazzy.txt" "$root/scripts/relocate_wheels.py" "${BASH_SOURCE[0]}"
     } | sha256sum | cut -d ' ' -f 1
 }
 
@@ -173,9 +182,9 @@ workspace_hash() {
 
 # ------------------------------------------------------------------ doing it
 make_environment() { # underlay, python, identity
-    local options=() lists=(-r "$requirements/build.txt" -r "$requirements/runtime.txt" -r "$requirements/test.txt")
+    local options=() wanted=("${lists[@]/#/--requirement=}")
     if [ "$1" = wheels ]; then
-        lists+=(-r "$requirements/ros_jazzy.txt")
+        wanted+=("--requirement=$requirements/ros_jazzy.txt")
     else
         options=(--system-site-packages)
     fi
@@ -193,7 +202,7 @@ make_environment() { # underlay, python, identity
         --no-deps --progress-bar off)
     say "packages of the package index (the first time a minute or two) ..."
     logged "${pip[@]}" $(grep -E '^(setuptools|wheel)==' "$requirements/build.txt")
-    logged "${pip[@]}" --no-build-isolation "${lists[@]}"
+    logged "${pip[@]}" --no-build-isolation "${wanted[@]}"
     if [ "$1" = wheels ]; then
         logged env _ROS_WHEELS_BOOTSTRAP_COMPLETE=1 "$venv/bin/python" "$root/scripts/relocate_wheels.py"
     fi
@@ -252,6 +261,10 @@ main() {
         make_environment "$underlay" "$python" "$identity"
         echo "$wanted" > "$venv/stamp"
         did=yes
+    fi
+    if [ "$build" = no ]; then
+        say "packages are there"
+        return
     fi
 
     . "$root/scripts/env.sh"

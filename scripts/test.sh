@@ -3,11 +3,21 @@
 #
 #   scripts/test.sh                     lint, types, every test, coverage of the pure parts
 #   scripts/test.sh [pytest arguments]  these tests only, e.g. scripts/test.sh ros2_ws/src/husky_control -k gait
+#   scripts/test.sh --docker            the graph across containers, on the Docker engine that is there; where there is none
+#                                       root gets one of its own (tests/docker/engine.sh). With CI=true every test includes them
 set -euo pipefail
 
 root="$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd -P)"
 "$root/scripts/setup.sh"
 . "$root/scripts/env.sh"
+
+if [ "${1:-}" = --docker ]; then
+    export HUSKY_DOCKER=yes
+    shift
+    set -- "$root/tests/docker" "$@"
+elif [ "${CI:-}" = true ] && [ $# -eq 0 ]; then
+    export HUSKY_DOCKER="${HUSKY_DOCKER:-yes}"
+fi
 
 # Arguments may name files relative to where the caller stands.
 if [ $# -gt 0 ]; then

@@ -54,12 +54,8 @@ def leave_out(specs: Sequence[NodeSpec], names: Sequence[str]) -> tuple[NodeSpec
     return tuple(spec for spec in specs if spec.name not in names)
 
 
-def make_parser() -> argparse.ArgumentParser:
-    """Return the command line."""
-    parser = argparse.ArgumentParser(
-        prog="scripts/bringup.sh",
-        description="Start every node of the simulated robot; Ctrl-C or SIGTERM ends them all.",
-    )
+def add_robot_options(parser: argparse.ArgumentParser) -> None:
+    """Declare what says which robot it is, and its parameters."""
     parser.add_argument("--time", choices=TIMES, default="realtime", help="who sets the pace")
     parser.add_argument(
         "--set",
@@ -72,8 +68,28 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--remote", action="store_true", help="with the remote control of the propulsion unit"
     )
-    parser.add_argument("--params-file", help="a ROS parameter file for every node")
     parser.add_argument("--record", metavar="DIR", help="record a bag into this directory")
+
+
+def robot_of(options: argparse.Namespace) -> tuple[NodeSpec, ...]:
+    """Return the nodes that the options of `add_robot_options` ask for.
+
+    Raises:
+        ValueError: they do not fit together.
+    """
+    return simulated_robot(
+        options.time, collect(options.set), options.record, remote=options.remote
+    )
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """Return the command line."""
+    parser = argparse.ArgumentParser(
+        prog="scripts/bringup.sh",
+        description="Start every node of the simulated robot; Ctrl-C or SIGTERM ends them all.",
+    )
+    add_robot_options(parser)
+    parser.add_argument("--params-file", help="a ROS parameter file for every node")
     parser.add_argument(
         "--without",
         action="append",
@@ -89,10 +105,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = make_parser()
     options = parser.parse_args(arguments)
     try:
-        specs = simulated_robot(
-            options.time, collect(options.set), options.record, remote=options.remote
-        )
-        specs = leave_out(specs, options.without)
+        specs = leave_out(robot_of(options), options.without)
     except ValueError as error:
         parser.error(str(error))
     stop = threading.Event()

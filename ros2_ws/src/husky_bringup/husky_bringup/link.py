@@ -14,7 +14,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.task import Future
 
 from husky_bringup.discovery import servers, subscribers
-from husky_bringup.processes import Processes
+from husky_bringup.processes import Nodes, Processes
 from husky_bringup.system import NodeSpec
 from husky_description import graph
 from husky_description.nodes import qos
@@ -51,7 +51,7 @@ class GraphLink:
     """The graph's processes and a node beside them.
 
     Attributes:
-        processes: the graph's processes.
+        processes: the graph's processes, or who else keeps its nodes (`Nodes`).
         specs: the nodes.
         context: the ROS context of this side.
     """
@@ -63,6 +63,7 @@ class GraphLink:
         output: Path,
         services: Mapping[str, type],
         probes: Mapping[str, Any],
+        nodes: Nodes | None = None,
     ):
         """Start every node and wait until the graph is complete.
 
@@ -72,13 +73,14 @@ class GraphLink:
             output: directory for `logs`.
             services: types of the services that will be called, by name.
             probes: for the last service of each node, a request that changes nothing.
+            nodes: who starts, kills and ends them; by default they are processes of ours.
 
         Raises:
             SessionError: a node ended or did not come up.
         """
         self.specs = specs
         self._probes = probes
-        self.processes = Processes(logs=output / "logs")
+        self.processes: Any = Processes(logs=output / "logs") if nodes is None else nodes
         self._output = output
         self.context = Context()
         rclpy.init(context=self.context)
@@ -164,7 +166,8 @@ class GraphLink:
     def _check_processes(self) -> None:
         for name, code in self.processes.ended().items():
             log = self._output / "logs" / f"{name}.log"
-            tail = "\n".join(log.read_text(errors="replace").splitlines()[-12:])
+            text = log.read_text(errors="replace") if log.exists() else "no log"
+            tail = "\n".join(text.splitlines()[-12:])
             raise SessionError(f"{name} has ended with code {code}; the end of {log}:\n{tail}")
 
     def call(self, service: str, request: Any) -> Any:
@@ -232,7 +235,7 @@ class GraphLink:
     # The end --------------------------------------------------------------------------------
     def close(self) -> dict[str, int]:
         """End every node; return their exit codes."""
-        codes = self.processes.end()
+        codes: dict[str, int] = self.processes.end()
         self._executor.shutdown()
         self._node.destroy_node()
         if self.context.ok():

@@ -8,6 +8,7 @@ import subprocess
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Protocol
 
 from husky_bringup.system import NodeSpec
 
@@ -16,6 +17,66 @@ END_PERIOD = 3.0
 
 _TURN = 0.3
 """Wall time that the next node waits for the one before it to end [s]."""
+
+
+class Nodes(Protocol):
+    """The nodes of a graph as whoever works with it needs them: processes, containers."""
+
+    def start(self, spec: NodeSpec) -> object:
+        """Start a node; one of the same name that has ended may be started again."""
+
+    def start_all(self, specs: Sequence[NodeSpec]) -> None:
+        """Start every node."""
+
+    def ended(self) -> dict[str, int]:
+        """Return the exit codes of nodes that have ended by themselves, and forget them."""
+
+    def kill(self, name: str, number: int = signal.SIGKILL) -> None:
+        """Send a signal to a node."""
+
+    def reap(self, name: str) -> int:
+        """Wait for the end of a node that has been killed; forget it and return its exit code."""
+
+    def running(self, name: str) -> bool:
+        """Return whether a node has been started and has not ended."""
+
+    def end(self) -> dict[str, int]:
+        """End all; return exit codes."""
+
+
+class Strangers:
+    """Nodes that somebody else has started and will end; they can only be spoken to."""
+
+    def start(self, spec: NodeSpec) -> object:
+        """It runs already."""
+        return None
+
+    def start_all(self, specs: Sequence[NodeSpec]) -> None:
+        """They run already."""
+
+    def ended(self) -> dict[str, int]:
+        """Nobody tells us."""
+        return {}
+
+    def kill(self, name: str, number: int = signal.SIGKILL) -> None:
+        """Refuse.
+
+        Raises:
+            PermissionError: always.
+        """
+        raise PermissionError(f"{name} is not ours to kill")
+
+    def reap(self, name: str) -> int:
+        """Refuse, as `kill`."""
+        raise PermissionError(f"{name} is not ours to kill")
+
+    def running(self, name: str) -> bool:
+        """They run, as far as we know."""
+        return True
+
+    def end(self) -> dict[str, int]:
+        """They run on."""
+        return {}
 
 
 class Processes:

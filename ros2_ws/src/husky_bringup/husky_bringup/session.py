@@ -20,6 +20,7 @@ from sensor_msgs.msg import Joy
 from std_srvs.srv import SetBool, Trigger
 
 from husky_bringup.link import ANSWER_PERIOD, GraphLink, SessionError
+from husky_bringup.processes import Nodes
 from husky_bringup.system import ParameterValue, simulated_robot
 from husky_description import graph
 from husky_description.nodes import qos, stamps
@@ -110,6 +111,7 @@ class Session(GraphLink):
         on_advance: Callable[[float], None] | None = None,
         clock: str = "lockstep",
         remote: bool = False,
+        nodes: Nodes | None = None,
     ):
         """Start every node and wait until the graph is complete.
 
@@ -120,6 +122,7 @@ class Session(GraphLink):
             on_advance: called with the simulated time [s] now and then.
             clock: one of `husky_bringup.system.TIMES`.
             remote: whether the remote control takes part.
+            nodes: who starts, kills and ends them; by default they are processes of ours.
 
         Raises:
             SessionError: a node ended or did not come up.
@@ -146,7 +149,7 @@ class Session(GraphLink):
         services.update(_LEG_SERVICES if self._has_legs else {})
         services.update(_FAN_SERVICES if self._has_fans else {})
         self._forget()
-        super().__init__("experiment", specs, output, services, _PROBES)
+        super().__init__("experiment", specs, output, services, _PROBES, nodes)
         node = self._node
         self._joy = node.create_publisher(Joy, graph.JOY, qos.COMMAND)
         self._remote = remote
@@ -162,7 +165,7 @@ class Session(GraphLink):
         try:
             self.wait_for(self._is_heard, "those who report and those who take commands")
             if not self._lockstep:
-                self._expect(graph.PLANT_PAUSE, SetBool.Request(data=False))
+                self.pause(False)
             elif remote:
                 self._begin_radio()
         except BaseException:
@@ -193,6 +196,14 @@ class Session(GraphLink):
         self.wait_for(lambda: self._radio_frames > 0, "the radio's first frame at the autopilot")
 
     # Time -----------------------------------------------------------------------------------
+    def pause(self, paused: bool = True) -> None:
+        """Pause the world, or let it go on by itself.
+
+        Raises:
+            SessionError: refused.
+        """
+        self._expect(graph.PLANT_PAUSE, SetBool.Request(data=paused))
+
     def advance(self, duration: float, until: Callable[[], bool] | None = None) -> bool:
         """Let simulated time pass.
 

@@ -19,6 +19,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 
 from husky_description.nodes.executor import WaitSetExecutor
+from husky_description.nodes.heartbeat import beat
 
 _END_PERIOD = 2.0
 """Wall time after which a node that was told to end prints where it hangs [s]."""
@@ -68,6 +69,8 @@ def _spin(make_node: Callable[[], HotNode]) -> int:
         signal.signal(number, end)
     try:
         node = make_node()
+        assert isinstance(node, Node)
+        beat(node)
     except (
         ValueError,
         InvalidParameterTypeException,
@@ -76,7 +79,6 @@ def _spin(make_node: Callable[[], HotNode]) -> int:
     ) as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
-    assert isinstance(node, Node)
     timers = list(getattr(node, "hot_timers", ()))
     executor = WaitSetExecutor(node, list(node.hot), node.quiet, timers, stop)
     # Everything made so far lives as long as the process: leave it out of every collection.

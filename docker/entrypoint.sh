@@ -1,0 +1,28 @@
+#!/usr/bin/env bash
+# Entry point of the image: `ros2 run PACKAGE NODE ...`, or any other command, in a shell in which everything works.
+# With HUSKY_TIME it writes the parameters of every node, from husky_bringup's table, to HUSKY_PARAMETERS first:
+#   HUSKY_TIME       lockstep or realtime
+#   HUSKY_SETTINGS   more parameters, NODE.PARAMETER=VALUE, separated by spaces
+# `scenario NAME` plays a scenario of husky_bringup.scenario on the robot that these describe.
+set -euo pipefail
+. /opt/husky/scripts/env.sh
+
+read -r -a settings <<< "${HUSKY_SETTINGS:-}"
+robot=(--time "${HUSKY_TIME:-realtime}" "${settings[@]/#/--set=}")
+if [ "${1:-}" = scenario ]; then
+    exec python -m husky_bringup.scenario "${@:2}" "${robot[@]}"
+fi
+if [ -n "${HUSKY_TIME:-}" ]; then
+    python -m husky_bringup.parameter_file "${robot[@]}" > "$HUSKY_PARAMETERS"
+fi
+
+# The genuine `ros2 run` stays as the node's parent, dies of SIGTERM and takes the node's end with it: become the node.
+if [ "${1:-} ${2:-}" = "ros2 run" ] && [ $# -ge 4 ]; then
+    IFS=: read -r -a prefixes <<< "$AMENT_PREFIX_PATH"
+    for prefix in "${prefixes[@]}"; do
+        if [ -x "$prefix/lib/$3/$4" ]; then
+            exec "$prefix/lib/$3/$4" "${@:5}"
+        fi
+    done
+fi
+exec "$@"

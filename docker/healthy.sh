@@ -1,0 +1,5 @@
+#!/bin/sh
+# Healthy is a node that has served its timers within the last 5 s (husky_description.nodes.heartbeat).
+set -eu
+beat="$(stat -c %Y "$HUSKY_HEARTBEAT")"
+[ "$(($(date +%s) - beat))" -le 5 ]

@@ -1,0 +1,27 @@
+#!/usr/bin/env bash
+# Leaves out of an image what only building needs: headers, archives, generators, dialects of MAVLink that nobody speaks.
+# Byte code stays: nodes start in a second with it, and a read-only root cannot make it.
+set -euo pipefail
+root="$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd -P)"
+cd "$root"
+site="$(echo .venv/lib/python3.*/site-packages)"
+
+rm -rf log .venv/include .venv/lib/cmake ros2_ws/log ros2_ws/install/include
+rm -rf "$site"/pip "$site"/pip-* "$site"/mujoco/include "$site"/numpy/_core/include
+find .venv "ros2_ws/build" \( -name '*.a' -o -name '*.o' -o -name '*.pxd' -o -name '*.pyi' \) -delete
+find "$site" -depth -type d \( -name tests -o -name test \) -path '*/site-packages/*/*' \
+    \( -path '*/numpy/*' -o -path '*/scipy/*' -o -path '*/numba/*' -o -path '*/llvmlite/*' \) -exec rm -rf {} +
+find "$site/pymavlink/dialects" -mindepth 2 -type f ! -name '__init__.py' ! -path '*/v20/common.*' -delete
+
+# The wheels hold each library under up to three names; one file and links say the same.
+for library in .venv/lib/*.so.*; do
+    [ ! -L "$library" ] || continue
+    plain="${library%%.so*}.so"
+    for name in "$plain" "$plain".*; do
+        if [ -f "$name" ] && [ ! -L "$name" ] && [ "$name" != "$library" ] && cmp -s "$name" "$library"; then
+            ln -sf "$(basename "$library")" "$name"
+        fi
+    done
+done
+. scripts/env.sh
+python -c 'import rclpy, husky_msgs.msg, mujoco, numba, scipy.spatial, rosbags, husky_bringup.session'

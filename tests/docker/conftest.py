@@ -1,0 +1,138 @@
+"""An engine, the robot's image, the graph across containers; skipped where there can be none."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+sys.path.insert(0, str(Path(__file__).parent))  # which import mode importlib does not
+
+from containers import Containers, Engine, run
+from seen_robot import SETTINGS, Robot
+
+from husky_bringup.session import Session
+from husky_description import graph
+
+HERE = Path(__file__).parent
+BODY = "robot_with_unit"
+DOMAIN = 101
+"""Of no other test: the containers have a network of their own, but this process is in both."""
+_IMAGE = "husky:test"
+_PROJECT = "husky-test"
+_BUILD_PERIOD = 1500.0
+"""Wall time that an image may take on a busy machine [s]."""
+
+
+@pytest.fixture(scope="session")
+def engine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Engine]:
+    """An engine with the image of this tree, which are both left as they are found."""
+    if os.environ.get("HUSKY_DOCKER", "") != "yes":
+        pytest.skip("needs a Docker engine and some minutes: scripts/test.sh --docker")
+    # Images outlast a run, so that the next one finds its layers.
+    directory = Path(os.environ.get("HUSKY_DOCKER_DIRECTORY", "/var/tmp/husky-docker"))
+    up = subprocess.run(
+        [HERE / "engine.sh", "up", directory], capture_output=True, text=True, check=False
+    )
+    if up.returncode == 3:
+        pytest.skip(up.stderr.strip().splitlines()[-1])
+    assert up.returncode == 0, up.stderr
+    told = dict(line.split("=", 1) for line in up.stdout.splitlines())
+    environment = {"DOCKER_BUILDKIT": "1", "HUSKY_BASE": told["BASE"], "HUSKY_IMAGE": _IMAGE}
+    if told["DOCKER_HOST"]:
+        environment["DOCKER_HOST"] = told["DOCKER_HOST"]
+    try:
+        engine = Engine(environment, told["DOCKER"])
+        options = ["--file", "docker/Dockerfile", "--build-arg", f"BASE={told['BASE']}"]
+        engine.run("build", *options, "--tag", _IMAGE, ".", timeout=_BUILD_PERIOD)
+        yield engine
+    finally:
+        run([str(HERE / "engine.sh"), "down", str(directory)], {}, timeout=60.0)
+
+
+@pytest.fixture(scope="session")
+def containers(engine: Engine) -> Iterator[Containers]:
+    """The composition; no container runs yet."""
+    settings = {name: dict(values) for name, values in SETTINGS.items()}
+    settings[graph.PLANT] |= {"body": BODY, "start_paused": True}
+    containers = Containers(
+        engine,
+        _PROJECT,
+        {
+            "ROS_DOMAIN_ID": str(DOMAIN),
+            "HUSKY_TIME": "lockstep",
+            "HUSKY_SETTINGS": " ".join(
+                f"{node}.{name}={str(value).lower()}"
+                for node, values in settings.items()
+                for name, value in values.items()
+            ),
+        },
+    )
+    containers.remove()  # what a run that was killed has left
+    try:
+        yield containers
+    finally:
+        containers.remove()
+
+
+@pytest.fixture(scope="session")
+def graph_in_containers(
+    containers: Containers, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Robot]:
+    """The graph, and this process as one more node on its network: the host's end of the bridge."""
+    ours = {
+        "ROS_DOMAIN_ID": str(DOMAIN),
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET",
+        "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4",
+    }
+    before = {name: os.environ.get(name) for name in ours}
+    os.environ.update(ours)
+    try:
+        session = Session(
+            tmp_path_factory.mktemp("docker"),
+            {graph.PLANT: {"body": BODY}},
+            record=False,
+            nodes=containers,
+        )
+        robot = Robot(session)
+        yield robot
+        robot.close()
+        session.close()
+    finally:
+        for name, value in before.items():
+            os.environ.pop(name, None)
+            if value is not None:
+                os.environ[name] = value
+
+
+@pytest.fixture
+def robot(graph_in_containers: Robot) -> Robot:
+    """A sitting robot in a fresh world."""
+    graph_in_containers.start_again()
+    return graph_in_containers
+
+
+@pytest.fixture
+def trotting(graph_in_containers: Robot) -> Robot:
+    """A trotting robot, all well."""
+    robot = graph_in_containers
+    if not robot.stands:
+        robot.start_again()
+        robot.stand()
+    robot.trot()
+    return robot
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The first test of the engine waits for the image: give all of them the time."""
+    for item in items:
+        if Path(item.path).parent == HERE:
+            item.add_marker(pytest.mark.timeout(_BUILD_PERIOD + 600.0))
+
+

@@ -1,0 +1,190 @@
+"""The robot's containers as the tests use them."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from husky_bringup.system import NodeSpec
+
+ROOT = Path(__file__).resolve().parents[2]
+COMPOSE_FILE = ROOT / "docker/compose.yaml"
+END_PERIOD = 3.0
+"""Wall time in which `docker stop` must have ended a node [s]."""
+_LOOK_PERIOD = 1.0
+"""Wall time between two looks at who has ended [s]."""
+
+
+@dataclass(frozen=True)
+class Engine:
+    """A Docker engine, and the image of the robot on it.
+
+    Attributes:
+        environment: of clients.
+        client: the `docker` command that builds.
+    """
+
+    environment: dict[str, str]
+    client: str
+
+    def run(self, *command: str, timeout: float = 120.0, check: bool = True) -> str:
+        """Run a command of the client; return what it prints.
+
+        Raises:
+            RuntimeError: it failed; says what it printed.
+        """
+        return run([self.client, *command], self.environment, timeout, check)
+
+
+def run(
+    command: Sequence[str], environment: dict[str, str], timeout: float, check: bool = True
+) -> str:
+    """Run a command; return its output, errors included.
+
+    Raises:
+        RuntimeError: it failed.
+    """
+    result = subprocess.run(
+        command,
+        env={**os.environ, **environment},
+        cwd=ROOT,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        timeout=timeout,
+        check=False,
+    )
+    if check and result.returncode != 0:
+        told = f"code {result.returncode}\n{result.stdout[-6000:]}"
+        raise RuntimeError(f"{' '.join(command)}: {told}")
+    return result.stdout
+
+
+class Containers:
+    """The nodes of a composition, as a session needs them (`husky_bringup.processes.Nodes`)."""
+
+    def __init__(self, engine: Engine, project: str, environment: dict[str, str]):
+        """Prepare; nothing is started yet.
+
+        Args:
+            engine: where.
+            project: name of the composition.
+            environment: what compose.yaml is told.
+        """
+        self.engine = engine
+        self._project = project
+        self._environment = {**engine.environment, **environment}
+        self._started: set[str] = set()
+        self._looked_at = 0.0
+
+    def compose(self, *command: str, timeout: float = 300.0, check: bool = True) -> str:
+        """Run a command of docker compose; return what it prints."""
+        base = ["docker-compose", "-f", str(COMPOSE_FILE), "-p", self._project]
+        return run([*base, *command], self._environment, timeout, check)
+
+    def container(self, name: str) -> str:
+        """Return the name of a node's container."""
+        return f"{self._project}-{name}-1"
+
+    def state(self, name: str) -> dict[str, object]:
+        """Return what the engine says of a node's container."""
+        text = self.engine.run("inspect", "--format", "{{json .State}}", self.container(name))
+        state: dict[str, object] = json.loads(text)
+        return state
+
+    def signal_node(self, name: str, executable: str, number: str) -> None:
+        """Send a signal to the node in a container: not to its process 1."""
+        pattern = f"lib/{executable[:-1]}[{executable[-1]}]"  # which is not in our own command line
+        script = (
+            f"for p in /proc/[0-9]*; do if grep -qs '{pattern}' $p/cmdline; "
+            f"then kill -{number} ${{p#/proc/}}; fi; done"
+        )
+        self.engine.run("exec", self.container(name), "sh", "-c", script)
+
+    def health(self, name: str) -> str:
+        """Return healthy, unhealthy or starting."""
+        health = self.state(name)["Health"]
+        assert isinstance(health, dict)
+        return str(health["Status"])
+
+    def log(self, name: str) -> str:
+        """Return everything that a node has printed."""
+        return self.engine.run("logs", self.container(name))
+
+    # As a session needs them ------------------------------------------------------------------
+    def start(self, spec: NodeSpec) -> object:
+        """Start the container of a node again."""
+        self.engine.run("start", self.container(spec.name))
+        self._started.add(spec.name)
+        return None
+
+    def start_all(self, specs: Sequence[NodeSpec]) -> None:
+        """Create and start the containers, in the order of compose.yaml."""
+        names = [spec.name for spec in specs]
+        self.compose("up", "--no-build", "--detach", *names)
+        self._started.update(names)
+
+    def ended(self) -> dict[str, int]:
+        """Return the exit codes of containers that have ended by themselves, and forget them."""
+        now = time.monotonic()
+        if now - self._looked_at < _LOOK_PERIOD:
+            return {}
+        self._looked_at = now
+        codes = {}
+        for name in sorted(self._started):
+            state = self.state(name)
+            if not state["Running"] and not state["Restarting"]:
+                codes[name] = int(str(state["ExitCode"]))
+                self._started.discard(name)
+        return codes
+
+    def kill(self, name: str, number: int = signal.SIGKILL) -> None:
+        """Send a signal to a container."""
+        self.engine.run("kill", "--signal", str(int(number)), self.container(name))
+
+    def reap(self, name: str) -> int:
+        """Wait for the end of a container that has been killed; return its exit code."""
+        self._started.discard(name)
+        return int(self.engine.run("wait", self.container(name)))
+
+    def running(self, name: str) -> bool:
+        """Return whether a container has been started and has not ended."""
+        return name in self._started and bool(self.state(name)["Running"])
+
+    def stop(self, name: str) -> tuple[int, float]:
+        """`docker stop`; return the exit code and how long it took by the engine's clock [s]."""
+        self._started.discard(name)
+        begun = time.time()
+        self.engine.run("stop", "--time", "10", self.container(name))
+        finished = run(
+            ["date", "+%s.%N", "--date", str(self.state(name)["FinishedAt"])], {}, timeout=10.0
+        )
+        return int(str(self.state(name)["ExitCode"])), float(finished) - begun
+
+    def end(self) -> dict[str, int]:
+        """Stop all, one after the other; return exit codes."""
+        return {name: self.stop(name)[0] for name in sorted(self._started)}
+
+    # Faults of containers ---------------------------------------------------------------------
+    def pause(self, name: str, paused: bool = True) -> None:
+        """Freeze every process of a container, or let it go on."""
+        self.engine.run("pause" if paused else "unpause", self.container(name))
+
+    def cut_off(self, name: str) -> None:
+        """Take a container off the robot's network."""
+        self.engine.run("network", "disconnect", f"{self._project}_robot", self.container(name))
+
+    def connect(self, name: str) -> None:
+        """Bring it back to the network."""
+        self.engine.run("network", "connect", f"{self._project}_robot", self.container(name))
+
+    def remove(self) -> None:
+        """Remove containers, network and volumes."""
+        self.compose("--profile", "*", "down", "--volumes", "--timeout", "5", check=False)

@@ -1,0 +1,187 @@
+"""The graph across containers: it walks, tools see it, it bears what may happen to containers."""
+
+import itertools
+import re
+
+import pytest
+from containers import END_PERIOD
+
+from husky_bringup.processes import Strangers
+from husky_bringup.scenario import trot
+from husky_description import graph
+
+pytestmark = pytest.mark.graph
+
+LOOK = """
+look() { # topic: what echo and hz say
+    echo "echo $1: $(timeout 60 ros2 topic echo --once "$1" 2>&1 | wc -l)"
+    [ "$2" = once ] || echo "hz $1: $(timeout 60 ros2 topic hz "$1" 2>&1 | grep -m 1 average)"
+}
+"""
+
+
+def test_stands_up_and_trots_for_5_s_in_lockstep(robot, record_property):
+    trot(robot.session)
+    assert robot.stands, robot.seen
+    record_property("simulated_s", robot.session.time)
+
+
+def test_image_is_small_and_without_root(engine):
+    told = engine.run("image", "inspect", "--format", "{{.Size}} {{.Config.User}}", "husky:test")
+    size, user = told.split()
+    assert int(size) < 1.0e9, f"{int(size) / 1e6:.0f} MB"
+    assert user == "8000:8000"
+
+
+def test_tools_see_every_topic_of_the_table(robot, containers):
+    """`ros2 topic list`, `echo` and `hz` in a container of their own, while the world goes on."""
+    published = [topic for topic in graph.TOPICS if set(topic.publishers) - {graph.TELEOP}]
+    calls = [
+        f"look {topic.name} {'often' if topic.rate > 0.0 else 'once'}" for topic in published
+    ]
+    pairs = itertools.zip_longest(calls[::2], calls[1::2], fillvalue=":")
+    both = "\n".join(f"{first} & {second}; wait" for first, second in pairs)
+    script = f"{LOOK}\nros2 topic list -t\n{both}\n"
+    robot.session.pause(False)
+    try:
+        seen = containers.compose(
+            "--profile", "tools", "run", "--rm", "-T", "tools", "bash", "-c", script, timeout=600.0
+        )
+    finally:
+        robot.session.pause()
+    for topic in graph.TOPICS:
+        assert f"{topic.name} [{topic.type}]" in seen, seen
+    for topic in published:
+        lines = re.search(rf"^echo {topic.name}: (\d+)$", seen, re.MULTILINE)
+        assert lines and int(lines[1]) > 1, f"{topic.name}\n{seen}"
+        rate = re.search(rf"^hz {topic.name}: average rate: ([\d.]+)", seen, re.MULTILINE)
+        assert topic.rate == 0.0 or (rate and float(rate[1]) > 0.0), f"{topic.name}\n{seen}"
+
+
+# What may happen to a container, and what docs/faults.md says of its node ------------------------
+def test_controller_container_killed(trotting, record_property):
+    s = trotting.session
+    died = trotting.watch()
+    s.kill(graph.LOW_LEVEL_CONTROLLER)
+    s.advance(0.5)
+    record_property("reaction_s", trotting.torque_ends(died))
+    assert not s.drives.operational and s.drives.reason == "no joint command", trotting.seen
+    trotting.reported(graph.DRIVE_BRIDGE, "low_level_controller is lost")
+    s.start(graph.LOW_LEVEL_CONTROLLER)
+    trotting.recover()
+
+
+def test_drive_bridge_container_stopped(trotting, containers, record_property):
+    s = trotting.session
+    died = trotting.watch()
+    code, _ = containers.stop(graph.DRIVE_BRIDGE)
+    assert code == 0, containers.log(graph.DRIVE_BRIDGE)
+    s.advance(0.5)
+    record_property("reaction_s", trotting.torque_ends(died))
+    trotting.reported(graph.PLANT, "drive_bridge is lost")
+    s.start(graph.DRIVE_BRIDGE)
+    trotting.until(lambda: trotting.mode == "damping", "damping after the gap", within=0.5)
+    trotting.recover()
+
+
+def test_controller_container_paused_beyond_grace(trotting, containers, record_property):
+    s = trotting.session
+    stalled = trotting.watch()
+    containers.pause(graph.LOW_LEVEL_CONTROLLER)
+    s.advance(0.5)
+    record_property("reaction_s", trotting.torque_ends(stalled))
+    trotting.reported(graph.DRIVE_BRIDGE, "low_level_controller is lost")
+    containers.pause(graph.LOW_LEVEL_CONTROLLER, False)
+    _until_damped(trotting)
+    trotting.recover()
+
+
+def test_controller_container_cut_off(trotting, containers, record_property):
+    """Off the network and back: the same as standing still, and it needs no new start."""
+    s = trotting.session
+    cut = trotting.watch()
+    containers.cut_off(graph.LOW_LEVEL_CONTROLLER)
+    s.advance(0.5)
+    record_property("reaction_s", trotting.torque_ends(cut))
+    assert s.drives.reason == "no joint command", trotting.seen
+    containers.connect(graph.LOW_LEVEL_CONTROLLER)
+    _until_damped(trotting)
+    trotting.recover()
+
+
+def test_imu_driver_container_killed(trotting, record_property):
+    s = trotting.session
+    died = trotting.watch()
+    s.kill(graph.VN200_DRIVER)
+    trotting.until(lambda: trotting.mode == "damping", "damping", within=0.1)
+    assert "IMU" in s.state.reason
+    s.advance(0.3)
+    reaction = trotting.damped(died)
+    record_property("reaction_s", reaction)
+    assert reaction <= 0.03
+    s.start(graph.VN200_DRIVER)
+    trotting.reported(graph.VN200_DRIVER, "streaming", "stale")
+    trotting.recover()
+
+
+def test_plant_container_killed(trotting):
+    s = trotting.session
+    s.kill(graph.PLANT)
+    trotting.reported(graph.DRIVE_BRIDGE, "no cycle")
+    s.start(graph.PLANT)
+    start = trotting.watch()
+    s.advance(0.3)
+    assert trotting.torque_ends(start) == 0.0
+    assert trotting.mode == "passive" and not s.drives.operational, trotting.seen
+    trotting.recover()
+
+
+def test_a_node_that_dies_is_started_again(robot, containers):
+    """By the restart policy: nobody has told the container to stop."""
+    name = graph.T265_DRIVER
+    before = containers.state(name)["Pid"]
+    containers.signal_node(name, f"husky_drivers/{name}", "KILL")
+
+    def is_back() -> bool:
+        state = containers.state(name)
+        return state["Running"] is True and state["Pid"] not in (0, before)
+
+    robot.session.wait_for(is_back, f"a new process of {name}")
+    robot.reported(name, "tracking", "frozen", "waiting")
+
+
+def test_health_is_of_the_node_and_not_of_its_container(robot, containers):
+    """A process that stands still is running, and not healthy."""
+    name = graph.T265_DRIVER
+    s = robot.session
+    s.wait_for(lambda: containers.health(name) == "healthy", f"{name} healthy")
+    containers.signal_node(name, f"husky_drivers/{name}", "STOP")
+    s.wait_for(lambda: containers.health(name) == "unhealthy", f"{name} unhealthy")
+    containers.signal_node(name, f"husky_drivers/{name}", "CONT")
+    s.wait_for(lambda: containers.health(name) == "healthy", f"{name} healthy")
+
+
+def test_docker_stop_ends_every_node_within_3_s(robot, containers):
+    """The last test of the graph: exit code 0, and no traceback in a log of any test before."""
+    session = robot.session
+    names = [spec.name for spec in session.specs]
+    ends = {name: containers.stop(name) for name in names}
+    logs = {name: containers.log(name) for name in names}
+    session.processes = Strangers()
+    for name, (code, duration) in ends.items():
+        assert code == 0, f"{name}: {code}\n{logs[name][-3000:]}"
+        assert duration <= END_PERIOD, f"{name} took {duration:.1f} s"
+        assert "Traceback" not in logs[name], logs[name][-3000:]
+
+
+def _until_damped(robot) -> None:
+    """Advance little by little: the world does not wait for one who was lost."""
+    s = robot.session
+
+    def damped() -> bool:
+        s.advance(0.02)
+        return robot.mode == "damping"
+
+    s.wait_for(damped, "damping after the gap")
+    assert not s.drives.operational and not s.drives.emergency_stop, robot.seen
+

@@ -1,0 +1,259 @@
+"""The running graph as a test sees it: what moves, what is said, and how to break and mend it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from std_srvs.srv import Trigger
+
+from husky_bringup.scripts import walk
+from husky_bringup.session import Session, SessionError
+from husky_description import graph
+from husky_description.nodes import qos, stamps
+from husky_msgs.msg import ServoCommand, ServoState
+
+GRACE = 1.0
+"""Wall time after which the nodes give up a silent peer in these tests [s]."""
+TORQUE_PERIOD = 0.1
+"""No joint may get a torque later than this after its command source has died [s]."""
+SETTINGS = {
+    graph.PLANT: {"grace": GRACE, "seed": 1},
+    graph.DRIVE_BRIDGE: {"grace": GRACE},
+    graph.LOW_LEVEL_CONTROLLER: {"grace": GRACE, "stand.duration": 1.0, "stand.joint_speed": 3.0},
+}
+"""Parameters of a graph that is to be broken."""
+_SPEED = 0.3
+
+
+class Tap:
+    """Keeps every message of a topic of every tick, without waking up for each."""
+
+    def __init__(self, node: Node, kind: type, topic: str):
+        profile = QoSProfile(depth=4000, reliability=qos.CONTROL.reliability)
+        self._subscription = node.create_subscription(kind, topic, lambda message: None, profile)
+        self.messages: list[Any] = []
+
+    def drain(self) -> list[Any]:
+        """Fetch what has come; return all messages since `clear`."""
+        subscription = self._subscription
+        handle = subscription.handle
+        with handle:
+            while (taken := handle.take_message(subscription.msg_type, False)) is not None:
+                self.messages.append(taken[0])
+        return self.messages
+
+    def clear(self) -> None:
+        """Forget everything so far."""
+        self.drain()
+        self.messages.clear()
+
+
+class Robot:
+    """The running graph as a test sees it: from outside, in simulated time."""
+
+    def __init__(self, session: Session):
+        self.session = session
+        # not in the session's executor: nobody wakes up for its messages
+        self._ear = Node("ear", context=session.context)
+        self._states = self.tap(ServoState, graph.SERVO_STATE)
+        self._commands = self.tap(ServoCommand, graph.SERVO_COMMAND)
+        self.reports: dict[str, DiagnosticStatus] = {}
+        self._refusal = ""
+        session.subscribe(DiagnosticArray, graph.DIAGNOSTICS, self._on_diagnostics)
+
+    def _on_diagnostics(self, array: DiagnosticArray) -> None:
+        for status in array.status:
+            self.reports[status.name] = status
+
+    def tap(self, kind: type, topic: str) -> Tap:
+        """Return a tap on a topic of every tick."""
+        return Tap(self._ear, kind, topic)
+
+    def close(self) -> None:
+        """Leave the graph; its nodes run on."""
+        self._ear.destroy_node()
+
+    # What is seen ---------------------------------------------------------------------------
+    @property
+    def mode(self) -> str:
+        """Mode of the controller, "" before it has spoken."""
+        return self.session.state.mode if self.session.state is not None else ""
+
+    @property
+    def seen(self) -> str:
+        """What was seen last, for failures."""
+        s = self.session
+        mode = f"{s.state.mode} ({s.state.reason})" if s.state is not None else "silent"
+        drives = "silent"
+        if s.drives is not None:
+            states = sorted({drive.state for drive in s.drives.drives})
+            drives = f"{', '.join(states)} ({s.drives.reason})"
+        reports = {name: status.message for name, status in self.reports.items()}
+        return (
+            f"t {s.time:.3f} s, mode {mode}, drives {drives}, height {self.height:.3f} m, "
+            f"last refusal {self._refusal!r}, {reports}"
+        )
+
+    @property
+    def height(self) -> float:
+        """True height of the base [m], nan when it has not been told."""
+        truth = self.session.truth
+        return truth.pose.pose.position.z if truth is not None else float("nan")
+
+    @property
+    def stands(self) -> bool:
+        """Whether the robot stands on its feet and all is well, as `recover` leaves it."""
+        s = self.session
+        return s.drives is not None and s.drives.operational and self.mode == "stand"
+
+    def torques(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return times [s] and the largest motor current at each [A], since `watch`."""
+        messages = self._states.drain()
+        times = np.array([stamps.to_ns(m.stamp) / 1e9 for m in messages])
+        return times, np.array([np.abs(m.current).max() for m in messages])
+
+    def commands(self) -> list[ServoCommand]:
+        """Return the servo commands since `watch`."""
+        return self._commands.drain()
+
+    def kinds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return times [s] and the kinds of servo command (n, 12), since `watch`."""
+        messages = self._commands.drain()
+        times = np.array([stamps.to_ns(m.stamp) / 1e9 for m in messages])
+        return times, np.array([m.kind for m in messages]).reshape(-1, 12)
+
+    def watch(self) -> float:
+        """Look at torques and commands from now on; return the time now [s]."""
+        self._states.clear()
+        self._commands.clear()
+        return self.session.time
+
+    def torque_ends(self, since: float) -> float:
+        """Return how long after a command source died the last torque acted [s].
+
+        That must not be later than `TORQUE_PERIOD`.
+        """
+        times, currents = self.torques()
+        assert len(times) > 20 and times[-1] > since + 2 * TORQUE_PERIOD, "the tap heard too little"
+        loaded = times[(currents > 0.0) & (times > since)]
+        ends = float(loaded[-1] - since) if len(loaded) else 0.0
+        assert ends <= TORQUE_PERIOD + 1e-9, f"a torque {ends:.3f} s after its source has died"
+        return ends
+
+    def damped(self, since: float) -> float:
+        """Return how long after a fault all joints were damped: commanded to stand still [s]."""
+        times, kinds = self.kinds()
+        damped = times[(kinds == ServoCommand.VELOCITY).all(axis=1) & (times >= since)]
+        assert len(damped), f"the joints are not damped; last seen: {self.seen}"
+        return float(damped[0] - since)
+
+    def all_off(self, since: float) -> float:
+        """Return how long after a fault all power stages were off for good [s]."""
+        times, kinds = self.kinds()
+        on = times[(kinds != ServoCommand.TORQUE_OFF).any(axis=1) & (times >= since)]
+        assert len(times) and not kinds[-1].any(), f"power is on; last seen: {self.seen}"
+        return float(on[-1] + graph.TICK_PERIOD - since) if len(on) else 0.0
+
+    # What is done ---------------------------------------------------------------------------
+    def until(
+        self, predicate: Callable[[], bool], what: str, within: float, step: float = 0.01
+    ) -> float:
+        """Advance, step by step, until a predicate holds; return the time that took [s]."""
+        start = self.session.time
+        while not predicate():
+            if self.session.time >= start + within - 1e-9:
+                pytest.fail(f"waited {within} s for {what}; last seen: {self.seen}")
+            self.session.advance(step)
+        return self.session.time - start
+
+    def reported(self, node: str, *texts: str) -> DiagnosticStatus:
+        """Wait until a node says one of these on /diagnostics; the world stands still meanwhile."""
+        self.reports.pop(node, None)
+
+        def said() -> bool:
+            return node in self.reports and any(t in self.reports[node].message for t in texts)
+
+        try:
+            self.session.wait_for(said, f"{' or '.join(texts)} of {node} on {graph.DIAGNOSTICS}")
+        except SessionError as error:
+            pytest.fail(f"{error}; last seen: {self.seen}")
+        return self.reports[node]
+
+    def told(self, node: str, key: str) -> int:
+        """Return a counter of a node's next report on /diagnostics."""
+        values = self.reported(node, "").values
+        return int(next(entry.value for entry in values if entry.key == key))
+
+    def trigger(self, service: str) -> str:
+        """Call a service that takes nothing; return "" or why it refused."""
+        response = self.session.call(service, Trigger.Request())
+        self._refusal = "" if response.success else str(response.message)
+        return self._refusal
+
+    def enable(self) -> None:
+        """What an operator does after a fault: passive, reset faults, enable."""
+        s = self.session
+        s.release_velocity()
+        s.advance(0.04)  # until the controller has reported its mode of now
+        self.until(lambda: self.mode != "", "the controller's state", within=1.0)
+        if self.mode != "passive":
+            s.set_mode("passive", within=1.0)
+        self.until(self._may_enable, "drives that can be enabled", within=2.0)
+        assert self.mode == "passive", self.seen
+
+    def stand(self) -> None:
+        """Enable the drives and stand up."""
+        self.enable()
+        self.session.set_mode("stand_up")
+        self.until(lambda: self.mode == "stand", "stand", within=10.0)
+        assert self.height > 0.5, self.seen
+
+    def recover(self) -> None:
+        """The way back from a fault: enable where the robot lies, set it on its feet, stand up.
+
+        Without torque a trotting robot falls on its side, and it cannot turn over by itself:
+        somebody must set it back, which is a reset of the world.
+        """
+        self.enable()
+        self.start_again()
+        self.stand()
+
+    def _may_enable(self) -> bool:
+        """Reset faults and enable, as far as the drives have come."""
+        s = self.session
+        # Asked, not read from /drives/status: an answer is of this very tick.
+        answer = s.call(graph.DRIVES_ENABLE, Trigger.Request())
+        if answer.message == "enabled":
+            s.advance(0.04)
+            return s.drives is not None and bool(s.drives.operational)
+        if "nodes publish" in answer.message:  # a dead node is listed until its lease is over
+            s.wait_for(
+                lambda: "nodes publish" not in self.trigger(graph.DRIVES_ENABLE),
+                f"one node at {graph.JOINT_COMMAND}",
+            )
+        elif not answer.success and "not off" not in answer.message:
+            self.trigger(graph.DRIVES_RESET_FAULTS)
+        s.advance(0.1)
+        return False
+
+    def trot(self) -> None:
+        """Trot for a while, from standing."""
+        self.session.set_gait("trot")
+        walk(self.session, 1.0, (_SPEED, 0.0, 0.0))
+        assert self.mode == "walk", self.seen
+
+    def start_again(self) -> None:
+        """Put the world back and heal all devices; start nodes that are missing."""
+        s = self.session
+        for spec in s.specs:
+            if not s.processes.running(spec.name):
+                s.start(spec.name)
+        s.inject(graph.DRIVES_INJECT_FAULT, "", "")
+        s.inject(graph.PLANT_INJECT_FAULT, "imu", "")
+        s.reset(seed=1)
