@@ -219,6 +219,7 @@ class Incline:
         self.normal /= math.sqrt(float(self.normal @ self.normal))
         # What a pair has learnt is how its ground bends away from the plane.
         self.pairs += change
+        self.pairs /= np.sqrt((self.pairs * self.pairs).sum(axis=1, keepdims=True))
         for leg in range(LEGS):
             if touchdown[leg]:
                 self._land(leg, foot_in_world[leg], left)
