@@ -162,7 +162,7 @@ def test_a_pair_of_feet_learns_the_ground_it_steps_onto():
     for _ in range(20):
         feet[:2] += 0.05 * np.array([math.cos(0.5), 0.0, math.sin(0.5)])
         incline.tick(feet, standing, front, LEFT, 0.15, 0.002)
-    np.testing.assert_allclose(incline.pairs[0], normal_of(math.degrees(0.5)), atol=0.05)
+    np.testing.assert_allclose(incline.pairs[0], normal_of(math.degrees(0.5)), atol=0.01)
     assert incline.pairs[1][2] > incline.normal[2] > incline.pairs[0][2]
     # What is within the tolerance of the plane is the plane.
     np.testing.assert_array_equal(incline.grounds()[0], incline.normal)
