@@ -11,10 +11,12 @@ import control
 import drives
 import loop
 import mavlink
+import plan
 import plant
 
 BENCHES: dict[str, Callable[[list[str]], dict[str, Any]]] = {
     "loop": loop.bench,
+    "plan": plan.bench,
     "plant": plant.bench,
     "control": control.bench,
     "drives": drives.bench,

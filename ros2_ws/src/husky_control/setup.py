@@ -22,6 +22,7 @@ setup(
     entry_points={
         "console_scripts": [
             "low_level_controller = husky_control.nodes.low_level_controller:main",
+            "planner = husky_control.nodes.planner:main",
         ],
     },
 )

@@ -250,10 +250,10 @@ class Commanding:
         s = self.session
         s.inject(graph.PLANT_INJECT_FAULT, "front_left_fan", "")
         s.reset(seed=1)
-        self.ask((0, 0, 0), 1.5)
+        self.ask((0, 0, 0), 1.0)  # until it has heard commands of no thrust, and is still
         s.set_flight_mode("OFFBOARD")
         s.arm()
-        self.ask((0, 0, 0), 0.2)
+        self.ask((0, 0, 0), 1.2)  # the speed controllers want to see a second of low pulses
         assert s.propulsion.armed, s.propulsion
 
     def told(self) -> np.ndarray:

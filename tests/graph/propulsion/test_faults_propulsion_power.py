@@ -13,7 +13,7 @@ SETTLED = 0.3
 
 
 def test_fan_lost_while_trotting(assisted, record_property):
-    """Nobody is told: its controller has no telemetry. The legs carry what it does not."""
+    """The autopilot finds it, tells it, and gives its share to the others: no moment is left."""
     s = assisted.session
     failed = assisted.watch()
     s.inject(graph.PLANT_INJECT_FAULT, "front_left_fan", "fail")
@@ -25,6 +25,10 @@ def test_fan_lost_while_trotting(assisted, record_property):
     record_property("others_max_n", thrusts[:, 1:].sum(axis=1).max())
     record_property("heights_m", assisted.trots_on())
     assert thrusts[-1, 0] < 0.05, assisted.seen
+    assert list(s.propulsion.fan_ok) == [False, True, True, True], assisted.seen
+    assert s.propulsion.reason == "Fan front_left lost" and s.propulsion.thrust_limit < 50.0
+    # The share that was asked for, within what moments of the controller take from it.
+    assert abs(thrusts[-1].sum() - thrusts[0].sum()) < 0.1 * thrusts[0].sum(), assisted.seen
     assert s.propulsion.armed and not s.propulsion.failsafe, assisted.seen
     assisted.recover()
 

@@ -1,4 +1,4 @@
-"""A course for climbing: flat approach, foot of the slope, the slope; and how the robot walks it."""
+"""A course for climbing: flat approach, foot of the slope, slope; and how the robot walks it."""
 
 from __future__ import annotations
 

@@ -10,6 +10,7 @@ from husky_bringup.incline_course import Course
 from husky_bringup.measures import by_group, peak, rms
 from husky_bringup.metrics import Summary
 from husky_bringup.recording import Recording
+from husky_bringup.tables import Array
 from husky_description import graph
 from husky_description.robot import Robot
 
@@ -57,7 +58,7 @@ def climb_summary(
     return result
 
 
-def _attitude(orientation: measures.Array, course: Course) -> Summary:
+def _attitude(orientation: Array, course: Course) -> Summary:
     """Roll, pitch and yaw of the body relative to the slope."""
     slope = Rotation.from_euler("y", -course.slope)
     yaw, pitch, roll = (slope.inv() * Rotation.from_quat(orientation)).as_euler("ZYX").T

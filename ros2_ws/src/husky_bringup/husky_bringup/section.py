@@ -42,16 +42,22 @@ def crossings(recording: Recording, start: float, end: float, phase: float = PHA
     return times
 
 
-def section_states(recording: Recording, times: Array) -> Array:
-    """Return the true states at some times, (len(times), len(STATE)), columns as `STATE`."""
+def section_states(recording: Recording, times: Array, slope: float = 0.0) -> Array:
+    """Return the true states at some times, (len(times), len(STATE)), columns as `STATE`.
+
+    Args:
+        recording: with ground truth.
+        times: [s].
+        slope: of the ground, rising along x [rad]; states are relative to it, height is its normal
+            coordinate.
+    """
     base = recording.base
-    rotation = Rotation.from_quat(base.orientation)
-    yaw, pitch, roll = rotation.as_euler("ZYX").T
+    ground = Rotation.from_euler("y", slope)
+    yaw, pitch, roll = (ground * Rotation.from_quat(base.orientation)).as_euler("ZYX").T
     heading = Rotation.from_euler("z", yaw[:, None])
-    velocity = heading.inv().apply(base.velocity)
-    columns = np.column_stack(
-        (velocity, base.position[:, 2], roll, pitch, base.angular_velocity)
-    )
+    velocity = heading.inv().apply(ground.apply(base.velocity))
+    height = ground.apply(base.position)[:, 2]
+    columns = np.column_stack((velocity, height, roll, pitch, base.angular_velocity))
     return np.column_stack([np.interp(times, base.time, column) for column in columns.T])
 
 

@@ -85,13 +85,13 @@ def simulated_robot(
     body = str(settings.get(graph.PLANT, {}).get("body", "robot"))
     if body not in graph.BODIES:
         raise ValueError(f"body is {body!r}, it must be one of {', '.join(graph.BODIES)}")
+    mounting = settings.get(graph.PLANT, {}).get("mounting", "")
+    mounted: dict[str, ParameterValue] = {"mounting": mounting} if mounting else {}
     specs = [NodeSpec("husky_sim", graph.PLANT, {"time": time})]
     if body != "unit":
-        fans: dict[str, ParameterValue] = {"propulsion": True} if body != "robot" else {}
+        fans: dict[str, ParameterValue] = {"propulsion": True, **mounted} if body != "robot" else {}
         specs += [
-            NodeSpec(
-                "husky_drivers", graph.DRIVE_BRIDGE, {"time": time, "bus": "sim", **patience}
-            ),
+            NodeSpec("husky_drivers", graph.DRIVE_BRIDGE, {"time": time, "bus": "sim", **patience}),
             NodeSpec("husky_drivers", graph.VN200_DRIVER, {"clock": "device"}),
             NodeSpec("husky_control", graph.LOW_LEVEL_CONTROLLER, {"time": time, **fans}),
         ]
@@ -100,13 +100,11 @@ def simulated_robot(
             "time": time,
             "inertia": flying_inertia(load_robot(), body),
         }
-        mounting = settings.get(graph.PLANT, {}).get("mounting", "")
-        fans_mounted = {"mounting": mounting} if mounting else {}
         if body == "unit":
             pixhawk["parameters"] = _TILT_ENDS_FLIGHT
         specs += [
-            NodeSpec("husky_pu", graph.FLIGHT_CONTROLLER, {**pixhawk, **fans_mounted}),
-            NodeSpec("husky_pu", graph.PIXHAWK_BRIDGE, {"time": time, **fans_mounted}),
+            NodeSpec("husky_pu", graph.FLIGHT_CONTROLLER, {**pixhawk, **mounted}),
+            NodeSpec("husky_pu", graph.PIXHAWK_BRIDGE, {"time": time, **mounted}),
             NodeSpec("husky_drivers", graph.T265_DRIVER, {"clock": "device"}),
         ]
     if remote:

@@ -22,11 +22,15 @@ def nodes(body, **options):
 )
 def test_the_body_decides_who_takes_part(body, expected):
     assert set(nodes(body)) == {graph.PLANT} | expected
-    assert set(nodes(body, remote=True, record="x")) == {
-        graph.PLANT,
-        graph.RC_TRANSMITTER,
-        graph.RECORDER,
-    } | expected
+    assert (
+        set(nodes(body, remote=True, record="x"))
+        == {
+            graph.PLANT,
+            graph.RC_TRANSMITTER,
+            graph.RECORDER,
+        }
+        | expected
+    )
 
 
 def test_everybody_has_the_same_clock():
@@ -70,3 +74,18 @@ def test_flying_inertia_is_that_of_pinocchio():
         q[model.joints[model.getJointId(name)].idx_q] = angle
     pinocchio.ccrba(model, data, q, np.zeros(model.nv))
     assert np.diag(data.Ig.inertia) == pytest.approx(flying_inertia(robot, "robot"), abs=2e-4)
+
+
+def test_everybody_knows_how_the_fans_are_mounted():
+    settings = {graph.PLANT: {"body": "robot_with_unit", "mounting": "vectoring"}}
+    told = {
+        spec.name for spec in simulated_robot(settings=settings) if "mounting" in spec.parameters
+    }
+    assert told == {
+        graph.PLANT,
+        graph.LOW_LEVEL_CONTROLLER,
+        graph.FLIGHT_CONTROLLER,
+        graph.PIXHAWK_BRIDGE,
+    }
+    fixed = simulated_robot(settings={graph.PLANT: {"body": "robot_with_unit"}})
+    assert not any("mounting" in spec.parameters for spec in fixed)

@@ -26,6 +26,8 @@ from husky_control.incline import (
     turn_towards,
 )
 from husky_control.parameters import Parameters
+from husky_control.plan import Plan
+from husky_control.plan_reference import PlanReference, reference_of
 from husky_description.robot import Robot
 
 Array = NDArray[np.float64]
@@ -51,6 +53,7 @@ class Climbing:
         thrust: (3,) N in world, asked of the fans.
         given: (3,) N in world, what they are taken to give now.
         vectoring: the fans push in any direction; otherwise along the body's z axis alone.
+        reference: what a plan says, or None while statics alone are followed.
         pitch: of the body relative to the plane, nose down, so that a fixed axis points uphill
             [rad].
     """
@@ -61,6 +64,7 @@ class Climbing:
         self.mass = float(robot.mass)
         self.vectoring = robot.fans.mounting == "vectoring"
         self.pitch = 0.0
+        self.reference: PlanReference | None = None
         self.incline = Incline()
         self.normal = UP.copy()
         self.plane = np.eye(3)
@@ -71,10 +75,44 @@ class Climbing:
         self.active = False
         self._failed = False
 
+    def take(self, plan: Plan) -> None:
+        """Follow a plan from now on, near its slope.
+
+        Raises:
+            ValueError: it is not for this robot; says why.
+        """
+        mode = "vector" if self.vectoring else "body_z"
+        ratio = self.parameters["wair.load_slope"]
+        self.reference = reference_of(plan, self.mass, mode, ratio)
+
     @property
     def slope(self) -> float:
         """Slope of the plane that is walked on [rad]."""
         return math.acos(min(1.0, max(-1.0, float(self.normal[2]))))
+
+    @property
+    def uphill(self) -> Array:
+        """Unit vector up the plane that is walked on, in world (3,); zero on the level."""
+        x, y, z = self.normal.tolist()
+        level = math.hypot(x, y)
+        return np.zeros(3) if level < 1e-6 else np.array([-x * z / level, -y * z / level, level])
+
+    def shift(self, height: float) -> tuple[float, float]:
+        """Return where the feet stand relative to under the body, (x, y) m in plane.
+
+        The load passes through the body: -height times the load's slope, and what a plan adds.
+
+        Args:
+            height: of the body over the feet [m].
+        """
+        x, y = self.load_slope()
+        x, y = -height * x, -height * y
+        reference = self.reference
+        if reference is not None:
+            further = reference.weight(self.slope) * reference.shift_extra
+            up = self.plane @ self.uphill
+            x, y = x + further * float(up[0]), y + further * float(up[1])
+        return x, y
 
     @property
     def gravity(self) -> Array:
@@ -135,6 +173,14 @@ class Climbing:
         self._follow(np.zeros(3), True, dt)
 
     @property
+    def sink(self) -> float:
+        """How much lower than usual a body that leans ahead walks, so that legs reach down [m]."""
+        if not self.pitch:
+            return 0.0
+        whole = max(0.1, self.slope + self.parameters["wair.lean_ahead"])
+        return self.parameters["wair.lean_sink"] * min(1.0, self.pitch / whole)
+
+    @property
     def lost(self) -> bool:
         """Whether the fans have failed where the feet cannot do without them."""
         support = -self.mass * self.gravity
@@ -172,6 +218,10 @@ class Climbing:
         thrust = thrust_for_load(
             direction, self.mass, p["wair.least_load"], p["wair.thrust_limit"]
         )
+        reference = self.reference
+        if reference is not None:
+            up, out = reference.weight(self.slope) * reference.thrust_extra
+            thrust += out * self.normal + up * self.uphill
         return p["wair.thrust_share"] * thrust
 
     def _pitch_for(self, slope: float) -> float:
@@ -180,7 +230,10 @@ class Climbing:
         if self.vectoring or p["wair.thrust_share"] == 0.0:
             return 0.0
         share = min(1.0, max(0.0, (slope - LEAN_FROM) / (LEAN_WHOLE - LEAN_FROM)))
-        return share * (slope + p["wair.lean_ahead"])
+        lean = slope + p["wair.lean_ahead"]
+        if self.reference is not None:
+            lean += self.reference.weight(slope) * (self.reference.pitch - lean)
+        return share * lean
 
     def _wanted(self, velocity_error: Array) -> Array:
         p = self.parameters
@@ -215,9 +268,10 @@ class Climbing:
         ahead = turn_towards(self.normal, self.incline.normal, p["wair.lean_rate"] * dt)
         steeper = ahead[2] < self.normal[2]
         if steeper and available and self.vectoring:
-            needed = self._needed([ahead])
-            have = math.sqrt(float(self.given @ self.given))
-            if math.sqrt(float(needed @ needed)) > have + GATE:
+            # What must be there first is what holds the body, not what presses the feet.
+            holds = thrust_for_load(load_direction([ahead], p["wair.load_slope"]), self.mass)
+            needed = p["wair.thrust_share"] * math.sqrt(float(holds @ holds))
+            if needed > math.sqrt(float(self.given @ self.given)) + GATE:
                 ahead = self.normal
         self.turning = float(np.abs(ahead - self.normal).max()) > 1e-7
         if not self.turning:

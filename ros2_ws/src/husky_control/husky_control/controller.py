@@ -27,6 +27,7 @@ from husky_control.t265_pose import T265Pose
 from husky_control.walking import Walking
 
 if TYPE_CHECKING:
+    from husky_control.plan import Plan
     from husky_description.robot import Robot
 
 Array = NDArray[np.float64]
@@ -199,6 +200,16 @@ class Controller:
             return True, f"changing to {name} through stand"
         self._gait_name = name
         return True, name
+
+    def take_plan(self, plan: Plan) -> tuple[bool, str]:
+        """Climb by a plan from now on; refuse one that is not for this robot, with the reason."""
+        try:
+            self.climbing.take(plan)
+        except ValueError as error:
+            self.counters.refused_requests += 1
+            return False, str(error)
+        self.reason = f"plan for {math.degrees(plan.slope):.0f} deg"
+        return True, f"plan for {math.degrees(plan.slope):.0f} deg"
 
     def set_velocity_command(self, vx: float, vy: float, yaw_rate: float) -> tuple[bool, str]:
         """Set the velocity command, m/s and rad/s in the base's heading frame.
@@ -523,17 +534,15 @@ class Controller:
         np.matmul(climbing.plane, self._rotation, out=self._rotation_on_plane)
         walking.gravity[:] = climbing.gravity
         walking.thrust[:] = climbing.given_in_plane
-        walking.pitch = climbing.pitch
+        walking.pitch, walking.sink = climbing.pitch, climbing.sink
         walking.bend = climbing.bend()
         light = min(1.0, max(LIGHTEST, climbing.lightness))
         full = self._full_thresholds
         self._thresholds = ContactThresholds(
             light * full.touchdown, light * full.early, light * full.liftoff
         )
-        slope = climbing.load_slope()
-        walking.load_slope = slope
-        height = float(self._walking.height)
-        walking.shift[:] = -height * slope[0], -height * slope[1]
+        walking.load_slope = climbing.load_slope()
+        walking.shift[:] = climbing.shift(walking.height)
         silent = self._silent_ticks * TICK
         if walking.reference.command.any():
             self._rest_ticks = 0
@@ -675,7 +684,7 @@ class Controller:
         walking.shift.fill(0.0)
         walking.load_slope = (0.0, 0.0)
         walking.bend = None
-        walking.pitch = 0.0
+        walking.pitch = walking.sink = 0.0
         self._thresholds = self._full_thresholds
 
     def _take_off(self) -> None:

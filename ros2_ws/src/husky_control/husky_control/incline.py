@@ -214,11 +214,8 @@ class Incline:
             dt: s.
         """
         self._contact[standing] = foot_in_world[standing]
-        change = (self._spanned() - self.normal) * (dt / (time_constant + dt))
-        self.normal += change
+        self.normal += (self._spanned() - self.normal) * (dt / (time_constant + dt))
         self.normal /= math.sqrt(float(self.normal @ self.normal))
-        # What a pair has learnt is how its ground bends away from the plane.
-        self.pairs += change
         for leg in range(LEGS):
             if touchdown[leg]:
                 self._land(leg, foot_in_world[leg], left)

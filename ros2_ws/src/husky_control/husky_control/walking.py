@@ -59,6 +59,7 @@ class Walking:
         self.thrust = np.zeros(3)  # N, force on the body that something else than the legs gives
         self.shift = np.zeros(2)  # m, of the feet, so that the load passes through the body
         self.load_slope = (0.0, 0.0)  # tangential over normal load of the feet, along x and y
+        self.sink = 0.0  # m, lower than the gait says
         self.bend: Array | None = None  # (4, 2) -, rise per way of each foot's ground, if it bends
         self.pitch = 0.0  # rad, desired, relative to the ground
         self.stand_height = float(robot.stand_height)
@@ -291,7 +292,7 @@ class Walking:
                 else:
                     lag = hold_back * (velocity[i] - desired[i])
                     body[i] = velocity[i] - min(most, max(-most, lag))
-            height = gait.stance_height
+            height = gait.stance_height - self.sink
             if gait.hop_speed > 0.0 and not self.clock.swinging[0]:
                 self._hop.tick(self.clock.stance_progress, self.clock.stance_time)
                 hop = self._hop.height
@@ -302,7 +303,7 @@ class Walking:
             for i in range(2):
                 body[i] = min(0.05, max(-0.05, 2.0 * (centre[i] - self.body_position[i])))
             self.reference.position[:] = centre
-            height = self.stand_height + self.parameters["stand.height_offset"]
+            height = self.stand_height + self.parameters["stand.height_offset"] - self.sink
         limit = self.parameters["walk.height_rate"] * dt
         step = min(limit, max(-limit, height - self._height))
         self._height += step

@@ -1,4 +1,4 @@
-"""The names of the ROS graph: every topic, service and node name is written here, once."""
+"""The names of the ROS graph: every topic, service, action and node name is written here, once."""
 
 from __future__ import annotations
 
@@ -30,6 +30,7 @@ PROPULSION_COMMAND = "/propulsion/command"
 PROPULSION_STATE = "/propulsion/state"
 BATTERY = "/propulsion/battery"
 T265_ODOMETRY = "/t265/odom"
+INCLINE_PLAN = "/planner/plan"
 ROBOT_DESCRIPTION = "/robot_description"
 CLOCK = "/clock"
 DIAGNOSTICS = "/diagnostics"
@@ -52,11 +53,15 @@ PLANT_APPLY_WRENCH = "/plant/apply_wrench"
 PLANT_HOLD = "/plant/hold"
 PLANT_INJECT_FAULT = "/plant/inject_fault"
 
+# Actions
+PLAN_INCLINE = "/planner/plan_incline"
+
 # Nodes
 PLANT = "plant"
 DRIVE_BRIDGE = "drive_bridge"
 VN200_DRIVER = "vn200_driver"
 LOW_LEVEL_CONTROLLER = "low_level_controller"
+PLANNER = "planner"
 FLIGHT_CONTROLLER = "flight_controller"
 PIXHAWK_BRIDGE = "pixhawk_bridge"
 RC_TRANSMITTER = "rc_transmitter"
@@ -128,6 +133,7 @@ TOPICS = (
     Topic(PROPULSION_STATE, "husky_msgs/msg/PropulsionState", (PIXHAWK_BRIDGE,), "STATUS", 50.0),
     Topic(BATTERY, "sensor_msgs/msg/BatteryState", (PIXHAWK_BRIDGE,), "STATUS", 10.0),
     Topic(T265_ODOMETRY, "nav_msgs/msg/Odometry", (T265_DRIVER,), "CONTROL", 200.0),
+    Topic(INCLINE_PLAN, "husky_msgs/msg/InclinePlan", (PLANNER,), "LATCHED", 0.0),
     Topic(ROBOT_DESCRIPTION, "std_msgs/msg/String", (DRIVE_BRIDGE,), "LATCHED", 0.0),
     Topic(CLOCK, "rosgraph_msgs/msg/Clock", (PLANT,), "CLOCK", 100.0),
     Topic(
@@ -138,6 +144,7 @@ TOPICS = (
             DRIVE_BRIDGE,
             VN200_DRIVER,
             LOW_LEVEL_CONTROLLER,
+            PLANNER,
             FLIGHT_CONTROLLER,
             PIXHAWK_BRIDGE,
             T265_DRIVER,

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 _FACET = math.radians(3.0)
@@ -104,5 +105,4 @@ class Ramp:
         end = self.slope_end + self.arc
         places = [*foot, self.slope_start, *crest, end, end + self.top]
         points = [self.at(place)[:2] for place in places]
-        pairs = zip(points, points[1:], strict=False)
-        return [Facet(a, b) for a, b in pairs if math.dist(a, b) > 1e-9]
+        return [Facet(a, b) for a, b in pairwise(points) if math.dist(a, b) > 1e-9]

@@ -1,6 +1,7 @@
 """The surface of a ramp: continuous, tangent, of the lengths it says."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -40,7 +41,7 @@ def test_facets_join_and_stay_close(slope):
     ramp = Ramp(slope)
     facets = ramp.facets()
     assert facets[0].start == pytest.approx((ramp.approach, 0.0))
-    for one, other in zip(facets, facets[1:], strict=False):
+    for one, other in pairwise(facets):
         assert one.end == pytest.approx(other.start)
         turns = np.diff(
             [math.atan2(f.end[1] - f.start[1], f.end[0] - f.start[0]) for f in (one, other)]

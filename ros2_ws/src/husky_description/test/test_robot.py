@@ -212,3 +212,10 @@ def test_files_that_are_no_robot(tmp_path: Path):
         make_robot({**TREE, "leg": None})
     with pytest.raises(ValueError, match=r"^name: 3 is not a string"):
         make_robot({**TREE, "name": 3})
+
+
+def test_words_are_checked():
+    assert load_robot().fans.mounting == "fixed"
+    assert load_robot(fans__mounting="vectoring").fans.mounting == "vectoring"
+    with pytest.raises(ValueError, match=r"fans.mounting: 'glued' is not one of fixed, vectoring"):
+        make_robot(changed("fans", "mounting", "glued"))

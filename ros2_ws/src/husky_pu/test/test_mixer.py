@@ -196,3 +196,17 @@ def test_other_sense_of_rotation_turns_yaw():
     np.testing.assert_allclose(
         other.allocate(40.0, [0, 0, 0.2]), MIXER.allocate(40.0, [0, 0, -0.2])
     )
+
+
+@pytest.mark.parametrize("voltage", [None, 20.0, 24.0])
+def test_greatest_collective_without_a_moment(voltage):
+    """Four fans, or two of the three that are left; and exactly that is allocated."""
+    full = MIXER.thrust_limit(voltage)
+    assert MIXER.greatest_collective(voltage) == pytest.approx(min(4 * full, 80.0))
+    left = (True, True, False, True)
+    most = MIXER.greatest_collective(voltage, left)
+    assert most == pytest.approx(2 * full)
+    collective, moment = MIXER.wrench(MIXER.allocate(most, (0, 0, 0), voltage, left, rise=0.0))
+    assert collective == pytest.approx(most)
+    np.testing.assert_allclose(moment[:2], 0.0, atol=1e-9)
+    assert MIXER.greatest_collective(voltage, (True, False, False, True)) == 0.0

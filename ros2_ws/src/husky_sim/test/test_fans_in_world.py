@@ -1,5 +1,6 @@
 import math
 
+import mujoco
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -144,3 +145,69 @@ def test_fans_that_stand_do_not_change_the_walk(robot):
 def test_bad_options(option, value):
     with pytest.raises(ValueError, match=option):
         WorldOptions(**{option: value})
+
+
+VECTORED = load_robot(fans__mounting="vectoring")
+
+
+@pytest.mark.parametrize("told", [(1500, 1500), (1900, 1400), (1200, 1700)])
+def test_a_vectored_force_acts_at_the_centre_of_mass(told):
+    """Newton and Euler in free fall, wherever the legs hang: momentum by MuJoCo's own sums."""
+    options = WorldOptions(
+        body="robot_with_unit", keyframe="stand", start_height=3.0, start_held=True
+    )
+    world = World(VECTORED, options)
+    world.fans.tilt_pwm[:] = told
+    for pulse, seconds in ((1000, 1.1), (1550, 0.6)):
+        world.fans.pwm[:] = pulse
+        for _ in range(round(seconds / 0.002)):
+            world.step_tick()
+    world.hold(False)
+
+    def momentum():
+        mujoco.mj_subtreeVel(world.model, world.data)
+        base = world.model.body("base").id
+        return world.data.subtree_linvel[base].copy(), world.data.subtree_angmom[base].copy()
+
+    (before, spin), impulse = momentum(), np.zeros(3)
+    for _ in range(50):
+        turned = Rotation.from_quat(world.base_orientation)
+        impulse += 0.002 * turned.apply(world.fans.wrench_in_base[:3])
+        world.step_tick()
+    after, spin_after = momentum()
+    assert np.linalg.norm(impulse) > 1.5
+    np.testing.assert_allclose(
+        VECTORED.mass * (after - before),
+        impulse + (0.0, 0.0, -0.1 * 9.81 * VECTORED.mass),
+        atol=0.03 * np.linalg.norm(impulse),
+    )
+    # A lever of 1 cm would give 0.016 N m s here.
+    np.testing.assert_allclose(spin_after - spin, 0.0, atol=2e-3)
+    pitch, roll = world.fans.tilt
+    limits = VECTORED.gimbal.pitch_limit, VECTORED.gimbal.roll_limit
+    expected = [(t - 1500) / 500 * limit for t, limit in zip(told, limits, strict=True)]
+    assert (pitch, roll) == pytest.approx(expected, abs=1e-3)
+    direction = (np.sin(pitch) * np.cos(roll), -np.sin(roll), np.cos(pitch) * np.cos(roll))
+    force = world.fans.wrench_in_base[:3]
+    np.testing.assert_allclose(force / np.linalg.norm(force), direction, atol=1e-9)
+    assert np.linalg.norm(force) == pytest.approx(world.fans.unit.thrust.sum())
+
+
+def test_a_turning_axis_follows_its_servos_and_stays_without_pulses():
+    world = World(VECTORED, WorldOptions(body="unit", keyframe="stand"))
+    world.fans.tilt_pwm[:] = (2000, 1500)
+    angles = []
+    for _ in range(100):
+        world.step_tick()
+        angles.append(world.fans.tilt[0])
+    rates = np.diff(angles) / 0.002
+    assert rates.max() == pytest.approx(VECTORED.gimbal.rate, rel=1e-6)
+    told = angles[-1]
+    world.fans.tilt_pwm[:] = 0
+    world.step_tick()
+    for _ in range(300):
+        world.step_tick()
+    # It goes on to where it was told last, and no further.
+    assert told < world.fans.tilt[0] == pytest.approx(VECTORED.gimbal.pitch_limit, abs=1e-3)
+    world.reset("stand")
+    assert world.fans.tilt == (0.0, 0.0)

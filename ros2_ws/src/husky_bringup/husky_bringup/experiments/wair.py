@@ -14,6 +14,7 @@ from husky_bringup.incline_course import (
     has_fallen,
 )
 from husky_bringup.incline_metrics import climb_summary
+from husky_bringup.incline_settings import MOUNTINGS, climbing_settings
 from husky_bringup.run import Run
 from husky_bringup.scripts import sit_down
 from husky_bringup.session import Session
@@ -25,8 +26,6 @@ _STOPPING, _STANDING = 2.0, 3.0
 """Time to come to a stop on the slope, and then to stand there [s]."""
 _THRUST_AT_45 = 40.0
 """Most thrust at 45 degrees [N]."""
-MOUNTINGS = {"vector": "vectoring", "body_z": "fixed"}
-"""How the fans are mounted in each thrust mode."""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -46,28 +45,24 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=int, default=0, help="of all sensor noise")
 
 
-def settings(options: argparse.Namespace, course: Course) -> dict[str, dict[str, ParameterValue]]:
-    """Return the parameters of the nodes."""
-    controller: dict[str, ParameterValue] = {}
+def controller_settings(options: argparse.Namespace) -> dict[str, ParameterValue]:
+    """Return the controller's parameters that the options change."""
+    chosen: dict[str, ParameterValue] = {}
     if options.no_thrust:
-        controller["wair.thrust_share"] = 0.0
+        chosen["wair.thrust_share"] = 0.0
     if options.load_slope is not None:
-        controller["wair.load_slope"] = float(options.load_slope)
-    mounting: dict[str, ParameterValue] = {"mounting": MOUNTINGS[options.thrust_mode]}
-    plant = {"seed": options.seed, "body": "robot_with_unit", **course.plant()}
-    return {
-        "plant": {**plant, **mounting},
-        "flight_controller": dict(mounting),
-        "pixhawk_bridge": dict(mounting),
-        "low_level_controller": {**controller, **mounting},
-    }
+        chosen["wair.load_slope"] = float(options.load_slope)
+    return chosen
 
 
 def run(run: Run) -> None:
     """No fall, fast enough, feet inside of the cone, thrust within what the statics promise."""
     options = run.options
     course = course_for(options.slope, 1.5 * options.speed * options.duration, options.friction)
-    with run.session(settings(options, course), expected=options.duration + 40) as session:
+    settings = climbing_settings(
+        course, options.seed, options.thrust_mode, controller_settings(options)
+    )
+    with run.session(settings, expected=options.duration + 40) as session:
         get_ready(session, fans=not options.no_thrust)
         reached = climb_onto(session, course, options.speed)
         start = session.time

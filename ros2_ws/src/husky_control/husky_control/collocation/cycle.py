@@ -81,6 +81,7 @@ class CycleModel:
         foot_radius: a foot's centre is this far from the ground [m].
         slots: most feet that stand at once.
         thrust_mode: "vector", or "body_z", which also serves where there is no thrust.
+        directed: whether the direction of a vectored thrust is limited.
         cone: one of CONES.
         scheme: of the collocation.
         free_duration: whether the period is a decision.
@@ -93,6 +94,7 @@ class CycleModel:
     foot_radius: float
     slots: int
     thrust_mode: str
+    directed: bool = False
     cone: str = "cone"
     scheme: str = "lobatto"
     free_duration: bool = False
@@ -164,7 +166,7 @@ def _path_constraints(model: CycleModel, formulas: _Formulas) -> tuple[Constrain
         Constraint("leg_length", formulas.leg_length, lower[:1] * slots, upper[:1] * slots, "m"),
         Constraint("leg_angle", formulas.leg_angle, lower[1:] * slots, upper[1:] * slots, "rad"),
     ]
-    if model.thrust_mode == "vector":
+    if model.thrust_mode == "vector" and model.directed:
         tilt = limited_below("thrust_direction", formulas.thrust_direction, 1, "N", weight)
         constraints.append(tilt)
     return tuple(constraints)

@@ -119,13 +119,13 @@ class Planner:
             fresh: solve, whatever is remembered.
         """
         schedule = make_schedule(request.gait_row, request.intervals)
+        _check_statics(self.machine, request)
         kind = self._kind(request, schedule)
         key = _key(request, kind.solver.digest)
         if not fresh:
             kept = self._kept(key)
             if kept is not None:
                 return kept, None
-        _check_statics(self.machine, request)
         solution = self._solve(kind, request, schedule)
         plan = _make_plan(self.machine, request, schedule, kind, solution)
         kind.solutions.append((request, solution))
@@ -134,7 +134,7 @@ class Planner:
 
     def _kind(self, request: PlanRequest, schedule: Schedule) -> _Kind:
         model = cycle_model(self.machine, request, schedule)
-        key = (model.slots, model.thrust_mode, model.free_duration)
+        key = (model.slots, model.thrust_mode, model.directed, model.free_duration)
         if key not in self._kinds:
             form = make_formulation(model)
             self._kinds[key] = _Kind(form, Solver(form, self._compiled), model, [])

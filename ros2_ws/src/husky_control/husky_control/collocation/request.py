@@ -178,6 +178,7 @@ def cycle_model(machine: Machine, request: PlanRequest, schedule: Schedule) -> C
         machine.foot_radius,
         schedule.slots,
         "vector" if request.thrust_mode == "vector" else "body_z",
+        directed=request.thrust_tilt < math.pi,
         free_duration=free,
     )
 

@@ -42,6 +42,8 @@ COLD_OPTIONS: dict[str, Any] = {
     "acceptable_iter": 0,  # almost solved is not solved
     "linear_solver": "mumps",
     "mumps_pivot_order": 0,  # AMD
+    "mumps_permuting_scaling": 0,  # decisions and rows are of one size already
+    "mu_strategy": "adaptive",  # a half to a tenth of the steps of the monotone one
     "max_iter": 250,
     "print_level": 0,
     "sb": "yes",
@@ -51,6 +53,9 @@ COLD_OPTIONS: dict[str, Any] = {
 WARM_OPTIONS: dict[str, Any] = {
     **COLD_OPTIONS,
     "warm_start_init_point": "yes",
+    "mu_strategy": "monotone",
+    "nlp_scaling_method": "none",
+    "mumps_scaling": 0,
     "mu_init": 1e-7,
     "warm_start_bound_push": 1e-8,
     "warm_start_bound_frac": 1e-8,

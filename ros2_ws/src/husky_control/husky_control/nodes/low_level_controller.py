@@ -20,6 +20,7 @@ from husky_control.controller import Controller, Measurements
 from husky_control.modes import Mode
 from husky_control.nodes.fans_link import FansLink
 from husky_control.nodes.imu_decoder import ImuSample, decode_imu
+from husky_control.nodes.plan_message import from_message
 from husky_control.nodes.pose_link import PoseLink
 from husky_control.parameters import TABLE, Parameters
 from husky_control.rotation import matrix_from_quaternion
@@ -32,7 +33,7 @@ from husky_description.nodes.parameters import declare, declare_mounting
 from husky_description.nodes.run import run
 from husky_description.nodes.tick_clock import TickClock, percentile_ms
 from husky_description.robot import load_robot
-from husky_msgs.msg import ControllerState, DriveStatusArray, JointCommand
+from husky_msgs.msg import ControllerState, DriveStatusArray, InclinePlan, JointCommand
 from husky_msgs.srv import SetGait, SetMode
 
 Array = NDArray[np.float64]
@@ -134,6 +135,7 @@ class LowLevelController(Node):
         self._poses = PoseLink(self, grace, lockstep=self._lockstep) if fans else None
         if self._poses is not None:
             self.hot.insert(0, self._poses.hot)
+        self.create_subscription(InclinePlan, graph.INCLINE_PLAN, self._on_plan, qos.LATCHED)
         self.hot_timers: list[Timer] = []
         self.create_service(SetMode, graph.SET_MODE, self._on_set_mode)
         self.create_service(SetGait, graph.SET_GAIT, self._on_set_gait)
@@ -152,6 +154,15 @@ class LowLevelController(Node):
             self.get_logger().warning(
                 f"velocity command refused: {reason}", throttle_duration_sec=1.0
             )
+
+    def _on_plan(self, message: InclinePlan) -> None:
+        self._settle()
+        try:
+            accepted, reason = self._controller.take_plan(from_message(message))
+        except ValueError as error:
+            accepted, reason = False, str(error)
+        if not accepted:
+            self.get_logger().warning(f"plan refused: {reason}")
 
     def _on_drives_status(self, status: DriveStatusArray) -> None:
         self._operational = status.operational

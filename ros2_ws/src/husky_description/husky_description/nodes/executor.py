@@ -8,7 +8,8 @@ a while. The rest of the node is looked at every few messages.
 
 Before the callback of a hot subscription runs, those that stand before it in the list have been
 looked at: a command that was sent before the tick it belongs to is seen before that tick, and one
-that came after it, after. Callbacks run one at a time in the spinning thread.
+that came after it, after. Callbacks run one at a time in the spinning thread, goals of actions beside it
+in threads of their own.
 """
 
 from __future__ import annotations
@@ -84,6 +85,16 @@ class WaitSetExecutor:
         """Look at the node's entities anew: they have changed."""
         self._stale = True
         self._guard.trigger()
+
+    def create_task(self, callback: Callable[..., Any], *args: Any, **kwargs: Any) -> None:
+        """Run a coroutine that takes long, an action's goal, in a thread of its own.
+
+        The node goes on serving meanwhile; whoever starts a second one sees to it that they agree.
+        """
+        thread = threading.Thread(
+            target=lambda: _finish(callback(*args, **kwargs)), name="task", daemon=True
+        )
+        thread.start()
 
     # Spinning -------------------------------------------------------------------------------
     def spin(self) -> None:

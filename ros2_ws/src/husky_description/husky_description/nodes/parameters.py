@@ -7,6 +7,7 @@ from typing import Any
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.node import Node
 
+from husky_description.robot import load_robot
 from husky_description.sections import MOUNTINGS
 
 
@@ -61,11 +62,12 @@ def declare_mounting(node: Node) -> dict[str, str]:
     Raises:
         ValueError: no such mounting.
     """
+    default = load_robot().fans.mounting
     mounting = declare(
         node,
         "mounting",
-        "",
-        "of the fans; empty for fans.mounting of carbon.yaml",
-        allowed=("", *MOUNTINGS),
+        default,
+        "of the fans: along base z, or on a gimbal at the centre of mass as the thesis assumes",
+        allowed=MOUNTINGS,
     )
-    return {"fans__mounting": mounting} if mounting else {}
+    return {"fans__mounting": mounting} if mounting != default else {}
