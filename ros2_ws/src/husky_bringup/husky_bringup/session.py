@@ -420,6 +420,11 @@ class Session(GraphLink):
         stamps.fill(joy.header.stamp, round(1e9 * self.time))
         self._joy.publish(joy)
 
+    @property
+    def connected(self) -> bool:
+        """Whether the bridge has told that it hears the autopilot."""
+        return self.propulsion is not None and bool(self.propulsion.connected)
+
     def arm(self, armed: bool = True) -> None:
         """Arm or disarm the propulsion unit.
 
