@@ -14,11 +14,22 @@ from typing import Any
 
 from husky_bringup.recording import Recording
 from husky_bringup.session import Session
-from husky_bringup.system import ParameterValue
+from husky_bringup.system import ParameterValue, simulated_robot
+from husky_description import graph
 from husky_description.robot import Robot, load_robot
 
 SCENE_FILE = "scene.xml"
 """The world of a recording, saved by the plant beside the bag."""
+_GRACE = 10.0
+"""Wall time for which nodes wait for each other [s]: an experiment is no test of a busy machine."""
+_WAITING = (
+    graph.PLANT,
+    graph.DRIVE_BRIDGE,
+    graph.LOW_LEVEL_CONTROLLER,
+    graph.FLIGHT_CONTROLLER,
+    graph.PIXHAWK_BRIDGE,
+)
+"""The nodes that have a parameter `grace`."""
 
 
 class Run:
@@ -69,6 +80,9 @@ class Run:
         directory.mkdir(parents=True, exist_ok=True)
         chosen = {node: dict(values) for node, values in (settings or {}).items()}
         chosen.setdefault("plant", {})["save_scene"] = str((directory / SCENE_FILE).resolve())
+        for spec in simulated_robot("lockstep", chosen, None, remote):
+            if spec.name in _WAITING:
+                chosen.setdefault(spec.name, {}).setdefault("grace", _GRACE)
         self.say(f"starting the graph{f' ({label})' if label else ''}")
         self._progress.begin(expected)
         return Session(

@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from husky_bringup.metrics import has_fallen
-from husky_bringup.session import Session
+from husky_bringup.session import Session, SessionError
 
 _SITTING_DOWN = 3.0
 """Time that sitting down takes, with a margin [s]."""
+_CONNECTING = 5.0
+"""Time within which the bridge and the autopilot must have found each other [s]."""
 _COMING_TO_REST = 5.0
 """Longest time that the body may sway before it sits down [s]."""
 
@@ -89,6 +91,8 @@ def walk_with_pushes(
 
 def ready_fans(session: Session) -> None:
     """Hand the fans to the controller: mode OFFBOARD, armed; nothing is asked of them yet."""
+    if not session.advance(_CONNECTING, lambda: session.connected):
+        raise SessionError("the bridge has no autopilot")
     session.advance(0.5)  # the autopilot wants to see commands before it follows them
     session.set_flight_mode("OFFBOARD")
     session.arm()

@@ -414,6 +414,11 @@ class Session(GraphLink):
         """Move the sticks of the remote control: axes -1 to 1, buttons 0 or 1."""
         self._joy.publish(Joy(axes=[float(a) for a in axes], buttons=[int(b) for b in buttons]))
 
+    @property
+    def connected(self) -> bool:
+        """Whether the bridge has told that it hears the autopilot."""
+        return self.propulsion is not None and bool(self.propulsion.connected)
+
     def arm(self, armed: bool = True) -> None:
         """Arm or disarm the propulsion unit.
 
