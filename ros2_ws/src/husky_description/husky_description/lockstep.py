@@ -103,3 +103,40 @@ class Peer:
         """
         self.answered = answered
         self._waiting_since = None
+
+
+class Repeats:
+    """Which answers of a peer may come twice, because its question was told again.
+
+    Each time that a question is told again the peer says its last word again, which answers that
+    question or one before it. Whatever else comes twice is from somebody else. A slow peer may be
+    told the next question again before what it owes for the last one has come, so they are counted
+    by question.
+    """
+
+    def __init__(self) -> None:
+        """Nothing may come twice."""
+        self._told: list[int] = []
+
+    def tell(self, stamp: int) -> None:
+        """The question with this stamp [ns] is told again."""
+        self._told.append(stamp)
+
+    def pass_by(self, stamp: int) -> None:
+        """A first answer with this stamp [ns] has come.
+
+        A peer answers in order, so nothing that it owes for earlier questions will come any more.
+        """
+        self._told = [told for told in self._told if told >= stamp]
+
+    def take(self, stamp: int) -> bool:
+        """Return whether a second answer with this stamp [ns] is one that is owed; count it."""
+        told = next((told for told in self._told if told >= stamp), None)
+        if told is None:
+            return False
+        self._told.remove(told)
+        return True
+
+    def clear(self) -> None:
+        """Time starts again: nothing is owed."""
+        self._told.clear()

@@ -2,7 +2,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from husky_description.lockstep import Peer, Presence
+from husky_description.lockstep import Peer, Presence, Repeats
 
 TICK = 2_000_000
 
@@ -88,3 +88,51 @@ def test_never_lost_within_the_grace_period_of_a_word(history):
             answered, heard = max(answered, word), now
         assert peer.ready(answered)
         assert peer.ready(answered + 1) == (peer.presence is Presence.LOST)
+
+
+def answer(repeats, stamps, newest=-1):
+    """Feed answers as they come after `newest`; return those that nobody has asked for."""
+    strangers = []
+    for stamp in stamps:
+        if stamp > newest:
+            newest = stamp
+            repeats.pass_by(stamp)
+        elif not repeats.take(stamp):
+            strangers.append(stamp)
+    return strangers
+
+
+def test_a_second_answer_is_a_stranger_unless_it_was_asked_for():
+    repeats = Repeats()
+    assert answer(repeats, [0, 2, 2, 4]) == [2]
+    repeats.tell(6)
+    assert answer(repeats, [6, 6, 6]) == [6]
+
+
+def test_a_slow_peer_may_owe_for_two_questions_at_once():
+    """What is owed for tick 2 comes after tick 4 has been told again, and before its answer."""
+    repeats = Repeats()
+    assert answer(repeats, [0]) == []
+    repeats.tell(2)
+    assert answer(repeats, [2]) == []
+    repeats.tell(4)
+    assert answer(repeats, [2, 4, 4], newest=2) == []
+
+
+def test_what_is_not_said_again_is_not_owed_for_ever():
+    repeats = Repeats()
+    repeats.tell(2)
+    assert answer(repeats, [2, 4]) == []  # the repeated question, or its second answer, was lost
+    assert answer(repeats, [4], newest=4) == [4]
+
+
+def test_the_last_word_may_be_older_than_the_question():
+    """A peer that waits for somebody itself shows that it lives."""
+    repeats = Repeats()
+    assert answer(repeats, [2]) == []
+    for _ in range(3):
+        repeats.tell(4)
+    assert answer(repeats, [2, 2, 2, 4], newest=2) == []
+    repeats.tell(6)
+    repeats.clear()
+    assert answer(repeats, [4], newest=4) == [4]

@@ -22,7 +22,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from husky_description import graph
-from husky_description.lockstep import Peer, Presence
+from husky_description.lockstep import Peer, Presence, Repeats
 from husky_description.nodes import diagnostics, qos, stamps
 from husky_description.nodes.parameters import declare
 from husky_description.nodes.run import run
@@ -132,8 +132,7 @@ class DriveBridge(LifecycleNode):
         self._joints_ns = -1  # stamp of the joint states that were told last
         self._command_ns = -1
         self._waiting = False
-        self._repeated_ns = -1  # stamp of joint states that were told again
-        self._repeats = 0  # and how often; so many answers may come again
+        self._repeats = Repeats()
         self._told = (Phase.OFF, "")
         self._ticks = self._reported_ticks = 0
         self.hot_timers: list[Timer] = []
@@ -237,7 +236,8 @@ class DriveBridge(LifecycleNode):
     def _restart(self) -> None:
         """The world starts again at an earlier time: nothing of before counts, nothing may move."""
         self._controller.restart()
-        self._joints_ns = self._command_ns = self._repeated_ns = -1
+        self._joints_ns = self._command_ns = -1
+        self._repeats.clear()
         self._master.restart("the world has been reset")
         self.get_logger().warning("time has gone back: the drives are off")
 
@@ -251,8 +251,7 @@ class DriveBridge(LifecycleNode):
         if stamp > self._tick_ns:
             return  # of a time before a reset
         if stamp <= self._command_ns:
-            if stamp <= self._repeated_ns and self._repeats > 0:
-                self._repeats -= 1  # we have said these joint states again
+            if self._repeats.take(stamp):
                 self._controller.answer(stamp)
                 return
             self._master.emergency_stop("two sources command the joints")
@@ -261,6 +260,7 @@ class DriveBridge(LifecycleNode):
             )
             return
         self._command_ns = stamp
+        self._repeats.pass_by(stamp)
         refusal = self._master.set_command(
             command.mode_of_operation, command.position, command.velocity, command.effort
         )
@@ -333,9 +333,7 @@ class DriveBridge(LifecycleNode):
     def _answer_again(self) -> None:
         """The plant has sent its state again: a message was lost, or we wait for the controller."""
         if self._joints_ns >= 0:
-            if self._repeated_ns != self._joints_ns:
-                self._repeated_ns, self._repeats = self._joints_ns, 0
-            self._repeats += 1
+            self._repeats.tell(self._joints_ns)
             self._joint_publisher.publish(self._joints)
         self._servo_publisher.publish(self._servo_command)
 
