@@ -71,7 +71,7 @@ class Bench(DeviceBench):
 
     def connect(self):
         self.wait_for_state(lambda state: state.connected, "a connected autopilot")
-        self.wait(lambda: len(self.autopilot.of("COMMAND_LONG")) >= 5, "requests for telemetry")
+        self.wait(lambda: len(self.autopilot.of("COMMAND_LONG")) >= 7, "requests for telemetry")
         return self
 
     def thrusts(self):

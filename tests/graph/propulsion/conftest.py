@@ -34,6 +34,13 @@ RISE = 0.02 * WEIGHT
 """By how much the thrust of all fans may rise above its lowest since a loss [N]."""
 
 
+def is_told(session: Any) -> bool:
+    """Whether the bridge has the unit, and tells of it as it is now."""
+    p = session.propulsion
+    age = session.time - stamps.to_ns(p.stamp) / 1e9 if p is not None else 0.0
+    return p is not None and bool(p.connected) and age < 0.2
+
+
 class Fans:
     """The propulsion unit as a test sees it, with the robot or the graph that carries it."""
 
@@ -72,9 +79,7 @@ class Fans:
 
     def is_told(self) -> bool:
         """Whether the bridge has the unit, and tells of it as it is now."""
-        p = self.session.propulsion
-        age = self.session.time - stamps.to_ns(p.stamp) / 1e9 if p is not None else 0.0
-        return p is not None and bool(p.connected) and age < 0.2
+        return is_told(self.session)
 
     def lift(self) -> float:
         """Return the thrust of all fans now [N]."""
@@ -250,6 +255,10 @@ class Commanding:
         s = self.session
         s.inject(graph.PLANT_INJECT_FAULT, "front_left_fan", "")
         s.reset(seed=1)
+        self.ask((0, 0, 0), 0.1)
+        while not is_told(s):
+            assert s.time < 6.0, "no news of the unit"
+            self.ask((0, 0, 0), 0.1)
         self.ask((0, 0, 0), 1.0)  # until it has heard commands of no thrust, and is still
         s.set_flight_mode("OFFBOARD")
         s.arm()

@@ -130,7 +130,7 @@ def _interface(node: Interface) -> Table:
     if {name for name, _ in node.subscribes} == {topic.name for topic in graph.TOPICS}:
         return [("", "name", BY_HAND), ("subscribes to", EVERY_TOPIC, "")]
     rows = [
-        (verb, _code(name), _code(kind), "")
+        ("offers action" if "/action/" in kind else verb, _code(name), _code(kind), "")
         for verb, found in (
             ("publishes", node.publishes),
             ("subscribes to", node.subscribes),

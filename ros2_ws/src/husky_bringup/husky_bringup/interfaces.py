@@ -27,6 +27,9 @@ _EVERY_NODE = ("rcl_interfaces", "type_description_interfaces")
 """Packages of the topics and services that every node of rclpy has."""
 _LIFECYCLE = "lifecycle_msgs"
 """Package of those that every lifecycle node has."""
+_ACTION = "/_action/"
+"""In the names of the topics and services that an action consists of."""
+_SEND_GOAL = f"{_ACTION}send_goal"
 _EVERY_NODES_PARAMETERS = ("use_sim_time", "start_type_description_service")
 _STEADY_PERIOD = 1.0
 """Discovery is over when nothing has changed for so long [s]."""
@@ -59,6 +62,8 @@ class Parameter:
 class Interface:
     """What one node offers. Topics and services are pairs of name and type, sorted.
 
+    An action stands among the services, under its own type.
+
     Parameters are in the order of their declaration.
     Left out is what every node has (parameter services, `/rosout`) and every lifecycle node has.
     """
@@ -77,7 +82,7 @@ def all_nodes() -> tuple[NodeSpec, ...]:
     """Return every node there is; each starts with its own defaults, but with the fans fitted."""
     body: dict[str, ParameterValue] = {"body": "robot_with_unit"}
     specs = simulated_robot(settings={graph.PLANT: body}, record="-", remote=True)
-    teleop = NodeSpec("husky_bringup", graph.TELEOP)
+    others = (NodeSpec("husky_control", graph.PLANNER), NodeSpec("husky_bringup", graph.TELEOP))
     fitted = (
         NodeSpec(
             spec.package,
@@ -86,7 +91,7 @@ def all_nodes() -> tuple[NodeSpec, ...]:
         )
         for spec in specs
     )
-    return (*fitted, teleop)
+    return (*fitted, *others)
 
 
 @contextlib.contextmanager
@@ -209,12 +214,13 @@ class Reader:
 
     def _interface(self, spec: NodeSpec, parameters: tuple[Parameter, ...]) -> Interface:
         def own(found: list[tuple[str, list[str]]]) -> tuple[tuple[str, str], ...]:
-            """Leave out what every node has."""
+            """Leave out what every node has; an action is one thing, known by its goals."""
             return tuple(
                 sorted(
-                    (name, types[0])
+                    (name.removesuffix(_SEND_GOAL), types[0].removesuffix("_SendGoal"))
                     for name, types in found
                     if types[0].split("/")[0] not in (*_EVERY_NODE, _LIFECYCLE)
+                    and (_ACTION not in name or name.endswith(_SEND_GOAL))
                 )
             )
 

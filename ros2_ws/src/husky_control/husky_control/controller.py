@@ -36,6 +36,7 @@ Mask = NDArray[np.bool_]
 TICK = 0.002  # s
 REST_SPEED = 0.08  # m/s, below which a standing body is at rest
 LIGHTEST = 0.4  # share of the weight on the feet, down to which contact thresholds shrink with it
+CROUCH_FEET = (0.30, 0.28)  # m ahead and beside the base, of a robot that crouches on an incline
 REST_TIME = 0.5  # s at zero command, after which the feet of a climbing robot stay down
 REST_RATE = 0.3  # rad/s, likewise
 _REHEARSAL = (
@@ -380,7 +381,9 @@ class Controller:
             return tilt_of(self._rotation)
         wanted = self._walking.body_rotation[:, 2]
         cosine = float(self._rotation_on_plane[:, 2] @ wanted)
-        return math.acos(min(1.0, max(-1.0, cosine)))
+        lean = math.acos(min(1.0, max(-1.0, cosine)))
+        # A robot that has crouched may slide down to where it is flat.
+        return min(lean, tilt_of(self._rotation)) if self.mode is Mode.SIT else lean
 
     def _estimate(self, m: Measurements) -> None:
         clock = self._walking.clock
@@ -630,10 +633,9 @@ class Controller:
             )
         elif mode is Mode.SIT:
             p, lost = self.parameters, row.event is Event.LOST
-            self._move.start(
-                [self.command.position, robot.sit_joint_position],
-                [p["wair.crouch_time"] if lost else p["stand.duration"]],
-            )
+            end = self._crouch_posture() if lost else robot.sit_joint_position
+            duration = p["wair.crouch_time"] if lost else p["stand.duration"]
+            self._move.start([self.command.position, end], [duration])
         elif mode is Mode.STAND and row.event is Event.DONE and Mode.STAND_UP in row.sources:
             forward_kinematics(
                 self._geometry, self._move.joint_position, self._foot_force, self._jacobian
@@ -766,6 +768,13 @@ class Controller:
         feet = self._kinematics.foot_positions(self.robot.stand_joint_position)
         feet[:, 1] += side * p["stand.lateral_spread"]
         feet[:, 2] -= p["stand.height_offset"]
+        return self._kinematics.joint_positions(feet)
+
+    def _crouch_posture(self) -> Array:
+        """Joint positions low over feet that stand wide, so that a slide down is no tumble."""
+        feet = self._kinematics.foot_positions(self.robot.sit_joint_position)
+        feet[:, 0] = np.sign(feet[:, 0]) * CROUCH_FEET[0]
+        feet[:, 1] = np.sign(self.robot.lateral_offset) * CROUCH_FEET[1]
         return self._kinematics.joint_positions(feet)
 
     def _refresh_parameters(self) -> None:

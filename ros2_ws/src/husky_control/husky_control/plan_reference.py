@@ -70,14 +70,23 @@ def reference_of(plan: Plan, mass: float, thrust_mode: str, ratio: float) -> Pla
     thrust = plan.thrust.mean(axis=0)
     gravity = GRAVITY * np.array([-math.sin(plan.slope), 0.0, -math.cos(plan.slope)])
     base = plan.position - plan.rotation @ plan.center_of_mass
-    stands = plan.stance.astype(np.float64)
-    places = np.array([plan.foothold_at(float(t))[:, 0] for t in plan.time])
-    feet = (stands * places).sum(axis=1) / np.maximum(1.0, stands.sum(axis=1))
     support = -plan.mass * gravity - thrust
-    under = np.average(feet - base[:, 0], weights=np.gradient(plan.time))
-    shift = float(under) + float(base[:, 2].mean()) * load_slope(support, 1.0)[0]
+    shift = _feet_ahead(plan, base) + float(base[:, 2].mean()) * load_slope(support, 1.0)[0]
     extra = np.zeros(2)
     if thrust_mode == "vector":
         extra = (thrust - least_thrust(gravity, plan.mass, ratio))[[0, 2]]
     pitch = float(np.mean(np.arctan2(plan.rotation[:, 0, 2], plan.rotation[:, 2, 2])))
     return PlanReference(plan.slope, extra, shift, pitch)
+
+
+def _feet_ahead(plan: Plan, base: Array) -> float:
+    """How far uphill of the base (n, 3) m the standing feet are, mean over the cycle [m]."""
+    way = time = 0.0
+    for k in range(len(plan.time) - 1):
+        # Between two points; at a switch of the stance they have the same time.
+        step = float(plan.time[k + 1] - plan.time[k])
+        feet = plan.foothold_at(float(plan.time[k]) + 0.5 * step)[plan.stance[k], 0]
+        if step > 0.0 and len(feet):
+            way += step * (float(feet.mean()) - 0.5 * float(base[k, 0] + base[k + 1, 0]))
+            time += step
+    return way / time if time > 0.0 else 0.0

@@ -1,0 +1,16 @@
+"""Plans a gait cycle on a slope and draws it: python scripts/plan_incline.py 45 [body_z]."""
+
+import math
+import sys
+
+from husky_bringup.figure_plan import draw_plan
+from husky_control.collocation.planner import default_planner
+from husky_control.collocation.request import PlanRequest
+from husky_description.robot import load_robot
+
+degrees, mode = float(sys.argv[1]), (sys.argv[2:] or ["vector"])[0]
+request = PlanRequest(math.radians(degrees), speed=0.3, thrust_mode=mode, gait="climb")
+plan = default_planner(load_robot()).plan(request)
+plan.save("plan.npz")
+print(f"thrust {plan.thrust.mean(axis=0).round(1)} N in the slope frame, {plan.mesh_error}")
+print(f"plan.npz and {draw_plan(plan, 'plan.png')} written")

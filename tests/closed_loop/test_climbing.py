@@ -1,0 +1,85 @@
+"""The controller climbs a ramp in one process: from the flat, stop, down again; fans lost."""
+
+import math
+
+import numpy as np
+import pytest
+from climbing_robot import ClimbingRobot
+
+SPEED = 0.25
+"""Commanded in these tests [m/s]."""
+
+
+def forces_on(robot, duration, speed):
+    """Walk on; tangential over normal force of each loaded foot sample."""
+    ratios = []
+    for _ in range(round(duration / 0.01)):
+        robot.run(0.01, (speed, 0.0, 0.0))
+        force = robot.world.foot_forces()
+        normal = force @ robot.normal
+        along = np.linalg.norm(force - normal[:, None] * robot.normal, axis=1)
+        ratios += (along[normal > 5.0] / normal[normal > 5.0]).tolist()
+    return np.array(ratios)
+
+
+@pytest.fixture(scope="module")
+def on_slope():
+    """A robot on a slope of 40 degrees, all feet on it, walking."""
+    robot = ClimbingRobot(40.0)
+    robot.start()
+    robot.run(8.0, (SPEED, 0.0, 0.0))
+    assert robot.controller.mode.value == "wair", robot.controller.reason
+    return robot
+
+
+def test_it_climbs_at_its_speed_inside_of_the_cone(on_slope):
+    robot = on_slope
+    before = robot.world.base_position.copy()
+    ratios = forces_on(robot, 2.0, SPEED)
+    speed = float((robot.world.base_position - before) @ robot.uphill) / 2.0
+    assert speed == pytest.approx(SPEED, rel=0.15)
+    assert (ratios < 0.98 * 0.7).mean() >= 0.95
+    assert math.degrees(robot.lean) < 5.0
+    # The slope was never told: it is felt.
+    assert math.degrees(robot.controller.climbing.slope) == pytest.approx(40.0, abs=1.0)
+    weight = robot.controller.robot.mass * 9.80665
+    ratio = robot.controller.parameters["wair.load_slope"]
+    held = weight * math.sin(robot.slope - math.atan(ratio))
+    assert np.linalg.norm(robot.thrust) == pytest.approx(held, rel=0.1)
+    assert robot.refusal == ""
+
+
+def test_it_stands_on_the_slope_and_does_not_stand_as_on_the_flat(on_slope):
+    robot = on_slope
+    robot.run(2.0, (0.0, 0.0, 0.0))
+    before = robot.world.base_position.copy()
+    robot.run(1.0, (0.0, 0.0, 0.0))
+    assert np.linalg.norm(robot.world.base_position - before) < 0.005
+    assert robot.controller.stance.all()
+    accepted, message = robot.controller.request_mode("stand")
+    assert not accepted and "on an incline of 40 deg" in message
+    assert robot.controller.mode.value == "wair"
+
+
+def test_fans_lost_on_the_slope_end_in_a_crouch_not_in_a_tumble(on_slope):
+    robot = on_slope
+    robot.run(1.0, (SPEED, 0.0, 0.0))
+    robot.fans = False
+    start, most, reasons = robot.world.base_position.copy(), 0.0, []
+    for _ in range(60):
+        robot.run(0.05, (SPEED, 0.0, 0.0))
+        reasons.append(robot.controller.reason)
+        most = max(most, robot.lean)
+    assert "fans are lost" in reasons[0]
+    # It slides down to where the ground is flat, on its feet, never on its side or back. Coming
+    # down there may stop a drive.
+    assert robot.controller.mode.value in ("sit", "damping"), robot.controller.reason
+    assert math.degrees(most) < 60.0
+    assert robot.world.base_position[0] < start[0] - 0.5
+    assert np.linalg.norm(robot.world.base_velocity) < 0.2
+
+
+@pytest.mark.parametrize("command", [(math.nan, 0.0, 0.0), (2.0, 0.0, 0.0), (0.1, 0.0, 9.0)])
+def test_bad_commands_are_refused_with_the_range(on_slope, command):
+    accepted, message = on_slope.controller.set_velocity_command(*command)
+    assert not accepted and "must be within +-" in message
