@@ -11,6 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import pytest
+
 from husky_bringup.system import NodeSpec
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -196,6 +198,23 @@ class Containers:
     def pause(self, name: str, paused: bool = True) -> None:
         """Freeze every process of a container, or let it go on."""
         self.engine.run("pause" if paused else "unpause", self.container(name))
+
+    def plug(self, name: str, plugged: bool) -> None:
+        """Pull the cable of a container's network interface, or plug it in.
+
+        Skips the test where this process may not: it takes root beside the engine.
+        """
+        if os.geteuid() != 0:
+            pytest.skip("only root can pull the cable of a container")
+        index = self.engine.run(
+            "exec", self.container(name), "cat", "/sys/class/net/eth0/iflink"
+        ).strip()
+        for interface in Path("/sys/class/net").glob("veth*"):
+            if (interface / "ifindex").read_text().strip() == index:
+                state = "up" if plugged else "down"
+                run(["ip", "link", "set", "dev", interface.name, state], {}, timeout=10.0)
+                return
+        pytest.skip("the engine runs on another machine: its cables are out of reach")
 
     def cut_off(self, name: str) -> None:
         """Take a container off the robot's network."""
