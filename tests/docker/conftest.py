@@ -18,6 +18,7 @@ from containers import Containers, Engine, run
 from seen_robot import SETTINGS, Robot
 
 from husky_bringup.session import Session
+from husky_bringup.system import simulated_robot
 from husky_description import graph
 
 HERE = Path(__file__).parent
@@ -94,6 +95,10 @@ def graph_in_containers(
     before = {name: os.environ.get(name) for name in ours}
     os.environ.update(ours)
     try:
+        # Fast DDS looks for network interfaces when it joins: the bridge must be there before.
+        containers.start_all(
+            simulated_robot("lockstep", {graph.PLANT: {"body": BODY, "start_paused": True}})
+        )
         session = Session(
             tmp_path_factory.mktemp("docker"),
             {graph.PLANT: {"body": BODY}},

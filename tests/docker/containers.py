@@ -11,14 +11,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import pytest
+
 from husky_bringup.system import NodeSpec
 
 ROOT = Path(__file__).resolve().parents[2]
 COMPOSE_FILE = ROOT / "docker/compose.yaml"
 END_PERIOD = 3.0
 """Wall time in which `docker stop` must have ended a node [s]."""
-_LOOK_PERIOD = 1.0
-"""Wall time between two looks at who has ended [s]."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,8 @@ class Containers:
         self._project = project
         self._environment = {**engine.environment, **environment}
         self._started: set[str] = set()
-        self._looked_at = 0.0
+        self._events: subprocess.Popen[bytes] | None = None
+        self._heard = b""
 
     def compose(self, *command: str, timeout: float = 300.0, check: bool = True) -> str:
         """Run a command of docker compose; return what it prints."""
@@ -102,6 +103,7 @@ class Containers:
     def signal_node(self, name: str, executable: str, number: str) -> None:
         """Send a signal to the node in a container: not to its process 1."""
         pattern = f"lib/{executable[:-1]}[{executable[-1]}]"  # which is not in our own command line
+        self._started.discard(name)
         script = (
             f"for p in /proc/[0-9]*; do if grep -qs '{pattern}' $p/cmdline; "
             f"then kill -{number} ${{p#/proc/}}; fi; done"
@@ -133,25 +135,45 @@ class Containers:
 
     def ended(self) -> dict[str, int]:
         """Return the exit codes of containers that have ended by themselves, and forget them."""
-        now = time.monotonic()
-        if now - self._looked_at < _LOOK_PERIOD:
-            return {}
-        self._looked_at = now
         codes = {}
-        for name in sorted(self._started):
-            state = self.state(name)
-            if not state["Running"] and not state["Restarting"]:
-                codes[name] = int(str(state["ExitCode"]))
+        for line in self._deaths():
+            name, code = line.split()
+            if name in self._started and not self.state(name)["Running"]:
+                codes[name] = int(code)
                 self._started.discard(name)
         return codes
 
+    def _deaths(self) -> list[str]:
+        """Return what the engine has told since the last call: service and exit code."""
+        if self._events is None:
+            attributes = ".Actor.Attributes"
+            self._events = subprocess.Popen(
+                [
+                    self.engine.client,
+                    "events",
+                    "--filter=event=die",
+                    f"--filter=label=com.docker.compose.project={self._project}",
+                    f'--format={{{{index {attributes} "com.docker.compose.service"}}}} '
+                    f"{{{{{attributes}.exitCode}}}}",
+                ],
+                env={**os.environ, **self._environment},
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+            )
+            assert self._events.stdout is not None
+            os.set_blocking(self._events.stdout.fileno(), False)
+        assert self._events.stdout is not None
+        self._heard += self._events.stdout.read() or b""
+        *lines, self._heard = self._heard.split(b"\n")
+        return [line.decode() for line in lines]
+
     def kill(self, name: str, number: int = signal.SIGKILL) -> None:
         """Send a signal to a container."""
+        self._started.discard(name)
         self.engine.run("kill", "--signal", str(int(number)), self.container(name))
 
     def reap(self, name: str) -> int:
         """Wait for the end of a container that has been killed; return its exit code."""
-        self._started.discard(name)
         return int(self.engine.run("wait", self.container(name)))
 
     def running(self, name: str) -> bool:
@@ -177,6 +199,23 @@ class Containers:
         """Freeze every process of a container, or let it go on."""
         self.engine.run("pause" if paused else "unpause", self.container(name))
 
+    def plug(self, name: str, plugged: bool) -> None:
+        """Pull the cable of a container's network interface, or plug it in.
+
+        Skips the test where this process may not: it takes root beside the engine.
+        """
+        if os.geteuid() != 0:
+            pytest.skip("only root can pull the cable of a container")
+        index = self.engine.run(
+            "exec", self.container(name), "cat", "/sys/class/net/eth0/iflink"
+        ).strip()
+        for interface in Path("/sys/class/net").glob("veth*"):
+            if (interface / "ifindex").read_text().strip() == index:
+                state = "up" if plugged else "down"
+                run(["ip", "link", "set", "dev", interface.name, state], {}, timeout=10.0)
+                return
+        pytest.skip("the engine runs on another machine: its cables are out of reach")
+
     def cut_off(self, name: str) -> None:
         """Take a container off the robot's network."""
         self.engine.run("network", "disconnect", f"{self._project}_robot", self.container(name))
@@ -187,4 +226,8 @@ class Containers:
 
     def remove(self) -> None:
         """Remove containers, network and volumes."""
+        if self._events is not None:
+            self._events.kill()
+            self._events.wait()
+            self._events = None
         self.compose("--profile", "*", "down", "--volumes", "--timeout", "5", check=False)

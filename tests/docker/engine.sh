@@ -30,6 +30,10 @@ own_engine() {
             || none "no Docker engine answers, and docker.io cannot be installed"
     fi
     export DOCKER_HOST="unix://$directory/docker.sock"
+    touch "$directory/ours"
+    if docker info > /dev/null 2>&1; then # of a run that was killed
+        return
+    fi
     local storage
     for storage in "" vfs; do # a kernel without overlays has plain copies
         setsid dockerd --data-root "$directory/data" --exec-root "$directory/exec" --pidfile "$directory/dockerd.pid" \
@@ -97,10 +101,11 @@ case "$command" in
         printf 'DOCKER_HOST=%s\nDOCKER=%s\nBASE=%s\n' "${DOCKER_HOST:-}" "$client" "$base"
         ;;
     down)
-        if [ -f "$directory/dockerd.pid" ]; then
+        if [ -f "$directory/ours" ] && [ -f "$directory/dockerd.pid" ]; then
             engine="$(cat "$directory/dockerd.pid")"
             kill "$engine"
             while kill -0 "$engine" 2> /dev/null; do sleep 0.2; done
+            rm -f "$directory/ours"
         fi
         ;;
     *)

@@ -96,8 +96,21 @@ def test_controller_container_paused_beyond_grace(trotting, containers, record_p
     trotting.recover()
 
 
+def test_controller_container_unplugged(trotting, containers, record_property):
+    """Its cable pulled and plugged in again: as standing still, and it finds its way back."""
+    s = trotting.session
+    cut = trotting.watch()
+    containers.plug(graph.LOW_LEVEL_CONTROLLER, False)
+    s.advance(0.5)
+    record_property("reaction_s", trotting.torque_ends(cut))
+    assert s.drives.reason == "no joint command", trotting.seen
+    containers.plug(graph.LOW_LEVEL_CONTROLLER, True)
+    _until_damped(trotting)
+    trotting.recover()
+
+
 def test_controller_container_cut_off(trotting, containers, record_property):
-    """Off the network and back: the same as standing still, and it needs no new start."""
+    """Its interface taken away: a new one needs a new start, as Fast DDS looks for them once."""
     s = trotting.session
     cut = trotting.watch()
     containers.cut_off(graph.LOW_LEVEL_CONTROLLER)
@@ -105,7 +118,9 @@ def test_controller_container_cut_off(trotting, containers, record_property):
     record_property("reaction_s", trotting.torque_ends(cut))
     assert s.drives.reason == "no joint command", trotting.seen
     containers.connect(graph.LOW_LEVEL_CONTROLLER)
-    _until_damped(trotting)
+    code, _ = containers.stop(graph.LOW_LEVEL_CONTROLLER)
+    assert code == 0, containers.log(graph.LOW_LEVEL_CONTROLLER)
+    s.start(graph.LOW_LEVEL_CONTROLLER)
     trotting.recover()
 
 
