@@ -425,11 +425,6 @@ class Session(GraphLink):
         """Whether the bridge has told that it hears the autopilot."""
         return self.propulsion is not None and bool(self.propulsion.connected)
 
-    @property
-    def connected(self) -> bool:
-        """Whether the bridge has told that it hears the autopilot."""
-        return self.propulsion is not None and bool(self.propulsion.connected)
-
     def arm(self, armed: bool = True) -> None:
         """Arm or disarm the propulsion unit.
 

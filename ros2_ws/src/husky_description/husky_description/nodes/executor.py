@@ -8,8 +8,8 @@ a while. The rest of the node is looked at every few messages.
 
 Before the callback of a hot subscription runs, those that stand before it in the list have been
 looked at: a command that was sent before the tick it belongs to is seen before that tick, and one
-that came after it, after. Callbacks run one at a time in the spinning thread, goals of actions beside it
-in threads of their own.
+that came after it, after. Callbacks run one at a time in the spinning thread, goals of actions
+beside it in threads of their own.
 """
 
 from __future__ import annotations
