@@ -99,3 +99,4 @@ def test_vectored_flight_controller_dies(companion, record_property):
     record_property("reaction_s", times[length > NO_THRUST][-1] - times[0])
     assert times[length > NO_THRUST][-1] - times[0] < 1.5
     s.start(graph.FLIGHT_CONTROLLER)
+    companion.arm()  # the new one, as usual

@@ -188,8 +188,18 @@ def ground_input_matrix(x: Any, leg: int, parameters: RomParameters) -> Any:
     if leg not in range(LEGS):
         raise ValueError(f"leg must be 0 to {LEGS - 1}, not {leg!r}")
     state = unpack_state(x)
-    xp = namespace_of(x)
-    moment = xp.skew(_foot_in_body(state.leg_position, leg, parameters)) @ state.rotation.T
+    return force_input_matrix(_foot_in_body(state.leg_position, leg, parameters), state.rotation)
+
+
+def force_input_matrix(arm: Any, rotation: Any) -> Any:
+    """Return B_g of a force in world that acts at an arm (3) in body, (6, 3) (T25).
+
+    Args:
+        arm: m, from the centre of mass.
+        rotation: (3, 3) body to world.
+    """
+    xp = namespace_of(arm, rotation)
+    moment = xp.skew(arm) @ rotation.T
     rows = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
     return xp.matrix([*rows, *([moment[i, j] for j in range(3)] for i in range(3))])
 

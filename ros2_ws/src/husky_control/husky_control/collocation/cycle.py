@@ -23,10 +23,15 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from husky_control.array_namespace import namespace_of
 from husky_control.collocation.problem import Constraint, Ends, Formulation, Symbols
 from husky_control.collocation.rodrigues import rodrigues_rate, rotation_from_rodrigues
-from husky_control.reduced_order import RomState, bias, pack_state, thrust_input_matrix
+from husky_control.reduced_order import (
+    RomState,
+    bias,
+    force_input_matrix,
+    pack_state,
+    thrust_input_matrix,
+)
 from husky_control.rom_parameters import RomParameters, in_slope_frame
 
 Array = NDArray[np.float64]
@@ -291,9 +296,3 @@ class _Formulas:
         gap = ends.last - ends.first
         gap[0] -= self._number(ends, "speed") * ends.duration
         return gap
-
-
-def force_input_matrix(arm: Any, rotation: Any) -> Any:
-    """B_g of a force (3, world) that acts at an arm (3) in body (T25), (6, 3)."""
-    moment = namespace_of(arm).skew(arm) @ rotation.T
-    return ca.vertcat(ca.SX.eye(3), moment)
