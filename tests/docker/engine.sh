@@ -98,6 +98,9 @@ case "$command" in
         client="$(building_client)"
         base="$(base_image)"
         quietly docker run --rm --entrypoint apt-get "$base" update || none "containers reach no package mirror"
+        quietly docker run --rm --entrypoint sh "$base" -c "command -v python3 > /dev/null || exit 0
+            python3 -c 'import urllib.request as r; r.urlopen(\"https://pypi.org/simple/pip/\", timeout=20)'" \
+            || none "containers reach no package index"
         printf 'DOCKER_HOST=%s\nDOCKER=%s\nBASE=%s\n' "${DOCKER_HOST:-}" "$client" "$base"
         ;;
     down)
