@@ -15,7 +15,6 @@ SPEED = 0.3
 
 def test_climbs_and_stands_on_the_slope(new_graph):
     settings = climbing_settings(COURSE, seed=1)
-    settings["low_level_controller"] |= {"stand.duration": 1.0, "stand.joint_speed": 3.0}
     with new_graph(**settings) as robot:
         session = robot.session
         get_ready(session)
