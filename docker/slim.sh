@@ -13,8 +13,13 @@ find "$site" -depth -type d \( -name tests -o -name test \) -path '*/site-packag
     \( -path '*/numpy/*' -o -path '*/scipy/*' -o -path '*/numba/*' -o -path '*/llvmlite/*' \) -exec rm -rf {} +
 find "$site/pymavlink/dialects" -mindepth 2 -type f ! -name '__init__.py' ! -path '*/v20/common.*' -delete
 
+# Of CasADi what the planner uses: its core and IPOPT.
+rm -rf "$site"/casadi/include "$site"/casadi/cmake
+find "$site/casadi" \( -name '*alpaqa*' -o -name '*highs*' -o -name '*onnx*' -o -name 'liblacemodelica*' -o -name '*uno*' \
+    -o -name '*spral*' \) -delete
+
 # The wheels hold each library under up to three names; one file and links say the same.
-for library in .venv/lib/*.so.*; do
+for library in .venv/lib/*.so.* "$site"/casadi/*.so.*; do
     [ ! -L "$library" ] || continue
     plain="${library%%.so*}.so"
     for name in "$plain" "$plain".*; do
@@ -25,3 +30,4 @@ for library in .venv/lib/*.so.*; do
 done
 . scripts/env.sh
 python -c 'import rclpy, husky_msgs.msg, mujoco, numba, scipy.spatial, rosbags, husky_bringup.session'
+python -c 'import casadi; x = casadi.SX.sym("x"); casadi.nlpsol("s", "ipopt", {"x": x, "f": x**2})(x0=1)' > /dev/null
