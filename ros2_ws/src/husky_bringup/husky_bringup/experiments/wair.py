@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 
+import numpy as np
+
 from husky_bringup.incline_course import (
     Course,
     climb_onto,
@@ -115,7 +117,7 @@ def _come_back(run: Run, session: Session, course: Course, speed: float) -> bool
     if not go(session, course, _STOPPING, 0.0) or not go(session, course, _STANDING, 0.0):
         return False
     run.say("stood on the slope")
-    way = course.along(0.0) - 0.1
+    way = course.along(np.zeros(3)) - 0.1
     if not go_to(session, course, way, -speed, 5.0 + 2.0 * abs(way) / speed + 60.0):
         return False
     run.say("back on the flat")
