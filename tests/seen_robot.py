@@ -12,7 +12,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from std_srvs.srv import Trigger
 
-from husky_bringup.scripts import walk
+from husky_bringup.scripts import FIRST_SAMPLES, walk
 from husky_bringup.session import Session, SessionError
 from husky_description import graph
 from husky_description.nodes import qos, stamps
@@ -210,7 +210,7 @@ class Robot:
     def stand(self) -> None:
         """Enable the drives and stand up."""
         self.enable()
-        self.session.set_mode("stand_up")
+        self.session.set_mode("stand_up", patience=FIRST_SAMPLES)
         self.until(lambda: self.mode == "stand", "stand", within=10.0)
         assert self.height > 0.5, self.seen
 

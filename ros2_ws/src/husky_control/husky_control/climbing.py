@@ -38,6 +38,8 @@ GATE = 3.0
 """The body leans while the thrust given is no more than this below what the lean needs [N]."""
 LEAN_FROM, LEAN_WHOLE = math.radians(6.0), math.radians(15.0)
 """Slopes at which a body with fixed fans begins to lean ahead, and leans as far as it shall."""
+REST_THRUST = 1e-3
+"""Thrust that counts as none [N]."""
 LEVEL = math.radians(8.0)
 """Slope up to which the robot may stand as on the flat [rad]."""
 
@@ -74,6 +76,7 @@ class Climbing:
         self.given = np.zeros(3)
         self.active = False
         self._failed = False
+        self._flowing = False
 
     def take(self, plan: Plan) -> None:
         """Follow a plan from now on, near its slope.
@@ -129,7 +132,7 @@ class Climbing:
         self.incline.reset(foot_in_world)
         self.normal[:] = UP
         self.plane = np.eye(3)
-        self.active = True
+        self.active = self._flowing = True
 
     def end(self) -> None:
         """Level again: the thrust goes by itself."""
@@ -170,7 +173,12 @@ class Climbing:
 
     def fade(self, dt: float) -> None:
         """Out of the mode: let the thrust go."""
-        self._follow(np.zeros(3), True, dt)
+        if self._flowing:
+            self._follow(np.zeros(3), True, dt)
+            self._flowing = bool(np.abs(self.given).max() > REST_THRUST)
+            if not self._flowing:
+                self.thrust.fill(0.0)
+                self.given.fill(0.0)
 
     @property
     def sink(self) -> float:

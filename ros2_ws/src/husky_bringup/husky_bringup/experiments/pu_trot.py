@@ -18,6 +18,7 @@ from husky_bringup.pilot import Pilot, Wish
 from husky_bringup.propulsion_metrics import attitude_summary, battery_summary
 from husky_bringup.radio_flight import Flight, hanging_height, weight_share
 from husky_bringup.run import Run
+from husky_bringup.scripts import FIRST_SAMPLES
 from husky_bringup.session import Session
 from husky_bringup.system import ParameterValue
 from husky_control.gait import GAITS
@@ -130,7 +131,7 @@ def trot(session: Session, flight: Flight, options: argparse.Namespace, wish: Wi
     """Hang, arm, spool up, trot in bursts, spool down."""
     none = Wish(roll=0.0, pitch=0.0, throttle=0.0)
     session.enable_drives()
-    session.set_mode("hang")
+    session.set_mode("hang", patience=FIRST_SAMPLES)
     flight.fly(_SETTLING, none, name="before")
     flight.pilot.armed = True
     flight.fly(2.0, none, name="armed")

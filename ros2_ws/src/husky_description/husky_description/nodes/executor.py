@@ -17,6 +17,8 @@ from __future__ import annotations
 import contextlib
 import math
 import threading
+import time
+import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -25,6 +27,7 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.guard_condition import GuardCondition
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.node import Node
+from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
@@ -36,6 +39,8 @@ _REST_EVERY = 64
 """Hot messages between two looks at the rest of the node."""
 _POLL_NS = 50_000_000
 """Longest wait on everything [ns]: bounds the reaction to `stop`."""
+_ANSWER_AGAIN = (0.2, 0.5, 1.0, 2.0, 4.0)
+"""Waits between the tries to answer a client that is not yet known here [s]."""
 
 
 class WaitSetExecutor:
@@ -68,6 +73,7 @@ class WaitSetExecutor:
         self._on_quiet = on_quiet
         self._quiet_waits = 0
         self._served = 0
+        self._answers = _Answers()
         self._rest: _Rest | None = None
         self._stale = True
         node.executor = self  # type: ignore[assignment]
@@ -182,7 +188,9 @@ class WaitSetExecutor:
             self._stale = False
             if self._rest is not None:
                 self._rest.close()
-            self._rest = _Rest(self._node, self._guard, self._hot, self._hot_timers)
+            self._rest = _Rest(
+                self._node, self._guard, self._hot, self._hot_timers, self._answers
+            )
         return self._rest
 
     def close(self) -> None:
@@ -226,6 +234,40 @@ class _HeldSubscription:
         self.handle.__exit__(None, None, None)
 
 
+class _Answers:
+    """Answers of services, and those that could not be delivered yet.
+
+    A request may come before discovery has told where its answer goes: then rmw_fastrtps waits
+    0.1 s, gives up with a warning and the client waits for ever. Such an answer is sent again.
+    """
+
+    def __init__(self) -> None:
+        self._late: list[tuple[float, int, Service, Any, Any]] = []
+
+    def send(self, service: Service, response: Any, header: Any, tries: int = 0) -> None:
+        """Send an answer, and keep it if its client is not known yet."""
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            service.send_response(response, header)
+        if caught and tries < len(_ANSWER_AGAIN):
+            due = time.monotonic() + _ANSWER_AGAIN[tries]
+            self._late.append((due, tries + 1, service, response, header))
+        elif caught:
+            message = f"{service.service_name}: {caught[-1].message}"
+            warnings.warn(message, RuntimeWarning, stacklevel=2)
+
+    def send_again(self) -> None:
+        """Send what is due, once more."""
+        if not self._late:
+            return
+        now = time.monotonic()
+        due = [late for late in self._late if late[0] <= now]
+        self._late = [late for late in self._late if late[0] > now]
+        for _, tries, service, response, header in due:
+            with contextlib.suppress(InvalidHandle):  # The service has gone meanwhile.
+                self.send(service, response, header, tries)
+
+
 class _Rest:
     """Every entity of a node; the hot ones are waited for but not served."""
 
@@ -235,7 +277,9 @@ class _Rest:
         guard: GuardCondition,
         hot: list[_HeldSubscription],
         hot_timers: list[Timer],
+        answers: _Answers,
     ):
+        self._answers = answers
         self._stack = contextlib.ExitStack()
         subscriptions = [s for s in node.subscriptions if self._enter(s.handle)]
         timers = [t for t in node.timers if self._enter(t.handle)]
@@ -298,7 +342,8 @@ class _Rest:
             request, header = service.handle.service_take_request(service.srv_type.Request)
             if header is not None:
                 response = service.callback(request, service.srv_type.Response())
-                service.send_response(response, header)
+                self._answers.send(service, response, header)
+        self._answers.send_again()
         for client in self._clients:
             header, response = client.handle.take_response(client.srv_type.Response)
             if header is not None:
