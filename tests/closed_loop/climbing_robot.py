@@ -24,6 +24,7 @@ class ClimbingRobot(InProcessRobot):
 
     Attributes:
         fans: they are armed and follow.
+        limit: most thrust that they can make [N].
         thrust: in world [N] (3,).
         slope: of the ground [rad].
     """
@@ -35,6 +36,7 @@ class ClimbingRobot(InProcessRobot):
         robot = load_robot(fans__mounting="vectoring")
         super().__init__(WorldOptions(terrain=ground, seed=seed, **options), robot)
         self.fans = True
+        self.limit = math.inf
         self.thrust = np.zeros(3)
         self._rotation = np.eye(3)
         self._in_base = np.zeros(3)
@@ -43,6 +45,7 @@ class ClimbingRobot(InProcessRobot):
     def tick(self) -> None:
         """Advance by 2 ms."""
         self.measurements.fans_available = self.fans
+        self.measurements.fans_limit = self.limit
         matrix_from_quaternion(self.world.base_orientation, self._rotation)
         self._commands.append(self.controller.thrust_in_base.copy())
         asked = self._commands.pop(0) if self.fans else np.zeros(3)

@@ -61,6 +61,20 @@ def test_it_stands_on_the_slope_and_does_not_stand_as_on_the_flat(on_slope):
     assert robot.controller.mode.value == "wair"
 
 
+def test_with_a_fan_lost_it_stands_and_goes_down_only(on_slope):
+    robot = on_slope
+    robot.limit = 38.0
+    robot.run(0.1, (0.0, 0.0, 0.0))
+    accepted, message = robot.controller.set_velocity_command(SPEED, 0.0, 0.0)
+    assert not accepted and "fan lost" in message
+    start = robot.world.base_position.copy()
+    robot.run(2.0, (-SPEED, 0.0, 0.0))
+    assert robot.controller.mode.value == "wair", robot.controller.reason
+    assert (robot.world.base_position - start) @ robot.uphill < -0.6 * 2.0 * SPEED
+    assert math.degrees(robot.lean) < 5.0
+    robot.limit = math.inf
+
+
 def test_fans_lost_on_the_slope_end_in_a_crouch_not_in_a_tumble(on_slope):
     robot = on_slope
     robot.run(1.0, (SPEED, 0.0, 0.0))

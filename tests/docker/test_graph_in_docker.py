@@ -42,7 +42,8 @@ def test_tools_see_every_topic_of_the_table(robot, containers):
     ]
     pairs = itertools.zip_longest(calls[::2], calls[1::2], fillvalue=":")
     both = "\n".join(f"{first} & {second}; wait" for first, second in pairs)
-    script = f"{LOOK}\nros2 topic list -t\n{both}\n"
+    lists = "ros2 topic list -t\n" * 3  # discovery between containers takes its time
+    script = f"{LOOK}\n{lists}{both}\n"
     robot.session.pause(False)
     try:
         seen = containers.compose(

@@ -95,15 +95,19 @@ class Course:
         return self.blend - float(np.linalg.norm((position - centre)[[0, 2]]))
 
 
-def course_for(slope_deg: float, way: float, friction: float) -> Course:
+def course_for(
+    slope_deg: float, way: float, friction: float, blend: float = Course.blend
+) -> Course:
     """Return a course that is long enough.
 
     Args:
         slope_deg: [deg].
         way: to walk on the slope [m].
         friction: sliding friction [-].
+        blend: radius of the foot of the slope [m].
     """
-    return Course(slope_deg, length=max(2.0, way + _CLEAR + _RESERVE), friction=friction)
+    length = max(2.0, way + _CLEAR + _RESERVE)
+    return Course(slope_deg, blend=blend, length=length, friction=friction)
 
 
 def place(session: Session) -> Array:

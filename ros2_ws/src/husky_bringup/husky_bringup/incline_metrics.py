@@ -58,6 +58,21 @@ def climb_summary(
     return result
 
 
+def worst_tilt_deg(recording: Recording, course: Course, start: float, end: float) -> float:
+    """Return how far the body has been from upright, on the slope or on the flat [deg].
+
+    Args:
+        recording: of the run.
+        course: the ground.
+        start: [s].
+        end: [s].
+    """
+    base = recording.base.between(start, end)
+    up = Rotation.from_quat(base.orientation).as_matrix()[:, :, 2]
+    upright = np.maximum(up[:, 2], up @ course.normal)
+    return float(np.degrees(np.arccos(np.clip(upright.min(), -1.0, 1.0))))
+
+
 def _attitude(orientation: Array, course: Course) -> Summary:
     """Roll, pitch and yaw of the body relative to the slope."""
     slope = Rotation.from_euler("y", -course.slope)

@@ -35,5 +35,5 @@ def climbing_settings(
         graph.PLANT: {**world, **mounting},
         graph.FLIGHT_CONTROLLER: dict(mounting),
         graph.PIXHAWK_BRIDGE: dict(mounting),
-        graph.LOW_LEVEL_CONTROLLER: {**(controller or {}), **mounting},
+        graph.LOW_LEVEL_CONTROLLER: {"planner": True, **(controller or {}), **mounting},
     }

@@ -66,7 +66,8 @@ def simulated_robot(
 ) -> tuple[NodeSpec, ...]:
     """Return every node of the robot in simulation.
 
-    Which robot it is says the plant's parameter `body`, how its fans are mounted its `mounting`.
+    Which robot it is says the plant's parameter `body`, how its fans are mounted its `mounting`;
+    the planner takes part when the controller's parameter `planner` says so.
 
     Args:
         time: one of `TIMES`.
@@ -95,6 +96,8 @@ def simulated_robot(
             NodeSpec("husky_drivers", graph.VN200_DRIVER, {"clock": "device"}),
             NodeSpec("husky_control", graph.LOW_LEVEL_CONTROLLER, {"time": time, **fans}),
         ]
+        if settings.get(graph.LOW_LEVEL_CONTROLLER, {}).get("planner", False):
+            specs.append(NodeSpec("husky_control", graph.PLANNER))
     if body != "robot":
         pixhawk: dict[str, ParameterValue] = {
             "time": time,

@@ -55,6 +55,7 @@ class Climbing:
         thrust: (3,) N in world, asked of the fans.
         given: (3,) N in world, what they are taken to give now.
         vectoring: the fans push in any direction; otherwise along the body's z axis alone.
+        limit: most thrust that the fans can make now [N]; infinite while none is lost.
         reference: what a plan says, or None while statics alone are followed.
         pitch: of the body relative to the plane, nose down, so that a fixed axis points uphill
             [rad].
@@ -75,7 +76,8 @@ class Climbing:
         self.thrust = np.zeros(3)
         self.given = np.zeros(3)
         self.active = False
-        self._failed = False
+        self.limit = math.inf
+        self._best = np.zeros(3)
         self._flowing = False
 
     def take(self, plan: Plan) -> None:
@@ -148,7 +150,7 @@ class Climbing:
         touchdown: Mask,
         left: Array,
         velocity_error: Array,
-        available: bool,
+        limit: float,
         dt: float,
     ) -> None:
         """Measure the plane, ask for thrust, lean.
@@ -159,22 +161,21 @@ class Climbing:
             touchdown: (4,) bool.
             left: (3,) unit vector in world, the body's left.
             velocity_error: (3,) m/s in plane, desired minus estimated.
-            available: the propulsion unit is armed and follows.
+            limit: most thrust that the fans can make [N]: 0 while the propulsion unit is not armed
+                or does not follow, infinite while no fan is lost.
             dt: s.
         """
-        p = self.parameters
-        self._failed = not available and p["wair.thrust_share"] > 0.0
+        self.limit = limit
         self.incline.tick(
-            foot_in_world, standing, touchdown, left, p["wair.slope_filter"], dt
+            foot_in_world, standing, touchdown, left, self.parameters["wair.slope_filter"], dt
         )
-        wanted = self._wanted(velocity_error) if available else np.zeros(3)
-        self._follow(wanted, available, dt)
-        self._lean(available, dt)
+        self._follow(self._wanted(velocity_error), dt)
+        self._lean(dt)
 
     def fade(self, dt: float) -> None:
         """Out of the mode: let the thrust go."""
         if self._flowing:
-            self._follow(np.zeros(3), True, dt)
+            self._follow(np.zeros(3), dt)
             self._flowing = bool(np.abs(self.given).max() > REST_THRUST)
             if not self._flowing:
                 self.thrust.fill(0.0)
@@ -190,10 +191,13 @@ class Climbing:
 
     @property
     def lost(self) -> bool:
-        """Whether the fans have failed where the feet cannot do without them."""
-        support = -self.mass * self.gravity
+        """Whether the fans have failed where the feet cannot do without what they fail to give."""
+        p = self.parameters
+        if self.limit >= p["wair.thrust_limit"] or p["wair.thrust_share"] == 0.0:
+            return False
+        support = -self.mass * self.gravity - self.plane @ self._best
         ratio = math.hypot(support[0], support[1]) / max(1e-3, float(support[2]))
-        return self._failed and ratio > self.parameters["wair.most_load_slope"]
+        return ratio > p["wair.most_load_slope"]
 
     @property
     def lightness(self) -> float:
@@ -245,37 +249,39 @@ class Climbing:
 
     def _wanted(self, velocity_error: Array) -> Array:
         p = self.parameters
+        most = min(p["wair.thrust_limit"], self.limit)
         needed = self._needed(self.incline.grounds())
         size = math.sqrt(float(needed @ needed))
-        if size < 1e-6:
-            return needed
-        if not self.vectoring:
-            return needed * min(1.0, p["wair.thrust_limit"] / size)
+        self._best = needed if size <= most else needed * (most / size)
+        if size < 1e-6 or most == 0.0 or not self.vectoring:
+            return self._best
         # Feedback along the slope only: across the plane the legs hold the body.
         push = p["wair.velocity_gain"] * velocity_error[:2]
-        most = min(p["wair.feedback_limit"], size)
+        push_limit = min(p["wair.feedback_limit"], size)
         length = math.hypot(push[0], push[1])
-        if length > most:
-            push *= most / length
+        if length > push_limit:
+            push *= push_limit / length
         wanted = needed + push @ self.plane[:2]
-        size, limit = math.sqrt(float(wanted @ wanted)), p["wair.thrust_limit"]
-        return wanted if size <= limit else wanted * (limit / size)
+        size = math.sqrt(float(wanted @ wanted))
+        return wanted if size <= most else wanted * (most / size)
 
-    def _follow(self, wanted: Array, available: bool, dt: float) -> None:
+    def _follow(self, wanted: Array, dt: float) -> None:
         step = self.parameters["wair.thrust_slew"] * dt
         change = wanted - self.thrust
         size = math.sqrt(float(change @ change))
         self.thrust += change if size <= step else change * (step / size)
-        asked = self.thrust if available else np.zeros(3)
+        asked, size = self.thrust, math.sqrt(float(self.thrust @ self.thrust))
+        if size > self.limit:
+            asked = asked * (self.limit / size)
         self.given += (asked - self.given) * min(1.0, dt / FAN_LAG)
 
-    def _lean(self, available: bool, dt: float) -> None:
+    def _lean(self, dt: float) -> None:
         p = self.parameters
         most = p["wair.lean_rate"] * dt
         self.pitch += min(most, max(-most, self._pitch_for(self.slope) - self.pitch))
         ahead = turn_towards(self.normal, self.incline.normal, p["wair.lean_rate"] * dt)
         steeper = ahead[2] < self.normal[2]
-        if steeper and available and self.vectoring:
+        if steeper and self.limit > 0.0 and self.vectoring:
             # What must be there first is what holds the body, not what presses the feet.
             holds = thrust_for_load(load_direction([ahead], p["wair.load_slope"]), self.mass)
             needed = p["wair.thrust_share"] * math.sqrt(float(holds @ holds))

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from husky_control.assist import ThrustAssist
-from husky_control.climbing import LEVEL, Climbing
 from husky_control.contact import ContactObserver, ContactThresholds
 from husky_control.estimator import GRAVITY, Estimator, EstimatorNoise
 from husky_control.gait import GAITS
 from husky_control.hover import AIRBORNE, Hover
+from husky_control.incline_walk import InclineWalk
 from husky_control.kinematics import JOINTS, LEGS, Kinematics, forward_kinematics
 from husky_control.modes import ACTIVE, Event, Mode, ModeMachine, Transition
 from husky_control.parameters import Parameters
@@ -35,9 +35,7 @@ Mask = NDArray[np.bool_]
 
 TICK = 0.002  # s
 REST_SPEED = 0.08  # m/s, below which a standing body is at rest
-LIGHTEST = 0.4  # share of the weight on the feet, down to which contact thresholds shrink with it
 CROUCH_FEET = (0.30, 0.28)  # m ahead and beside the base, of a robot that crouches on an incline
-REST_TIME = 0.5  # s at zero command, after which the feet of a climbing robot stay down
 REST_RATE = 0.3  # rad/s, likewise
 _REHEARSAL = (
     ("stand_up", 1000), ("walk", 200), ("stand", 500), ("wair", 20), ("stand", 20), ("sit", 20)
@@ -69,6 +67,7 @@ class Measurements:
     joint_age_ticks: int = 0  # ticks, of the joint states
     drives_operational: bool = False
     fans_available: bool = False  # the propulsion unit is armed, listens and has no fail-safe
+    fans_limit: float = math.inf  # N, most thrust of the fans left, once one is lost
     fans_yaw: float = math.nan  # rad, of base in the flight controller's world; nan: not known
     pose: T265Pose = field(default_factory=T265Pose)  # newest of the tracking camera
 
@@ -89,6 +88,7 @@ class Measurements:
         self.joint_age_ticks = other.joint_age_ticks
         self.drives_operational = other.drives_operational
         self.fans_available = other.fans_available
+        self.fans_limit = other.fans_limit
         self.fans_yaw = other.fans_yaw
         self.pose.take(other.pose)
 
@@ -140,12 +140,12 @@ class Controller:
         self._suspended = Suspended(robot, self.parameters.gait(self._gait_name))
         self.assist = ThrustAssist(robot, self.parameters)
         self.hover = Hover(robot)
-        self.climbing = Climbing(robot, self.parameters)
+        self.wair = InclineWalk(robot, self.parameters, self._walking)
+        self.climbing = self.wair.climbing
         self._fly_posture = np.zeros(JOINTS)
         self._fly_start = np.zeros(3)  # m, estimated position of the body before take-off
         self._pending_gait: str | None = None
-        self._silent_ticks = self._rest_ticks = 0
-        self._leaving = False  # wair: to stand, as soon as the feet are down
+        self._silent_ticks = 0
         # Copies: the kernels are compiled for these arrays, and the last good ones are kept.
         self._measurements = Measurements()
         self._incoming = Measurements()
@@ -176,7 +176,9 @@ class Controller:
             self._pending_gait = None
             return True, "stopping"
         if name == "stand" and self.mode is Mode.WAIR:
-            return self._leave_wair()
+            left, message = self.wair.leave()
+            self.counters.refused_requests += not left
+            return left, message
         if name == "stand" and self.mode is Mode.FLY:
             self.hover.land()
             return True, "landing"
@@ -229,9 +231,12 @@ class Controller:
             if not math.isfinite(value) or abs(value) > limit:
                 self.counters.refused_velocity_commands += 1
                 return False, f"{name} must be within +-{limit:g} {unit}, not {value}"
+        if self.mode is Mode.WAIR and self.wair.only_down and vx > 0.0:
+            self.counters.refused_velocity_commands += 1
+            return False, f"vx must not be above 0 with a fan lost on an incline, not {vx}"
         self._silent_ticks = 0
-        if self.mode is Mode.WAIR and not self._walking.stepping:
-            self._step_again(vx, vy, yaw_rate)
+        if self.mode is Mode.WAIR and (vx or vy or yaw_rate):
+            self.wair.step_again(self._estimator.position)
         if self.mode in (Mode.WALK, Mode.WAIR) and self._walking.stepping:
             self._walking.reference.command[:] = vx, vy, yaw_rate
         return True, ""
@@ -280,6 +285,11 @@ class Controller:
         force: Array = self._rotation.T @ self.climbing.thrust
         force[2] += self.assist.force
         return force
+
+    @property
+    def forward(self) -> Array:
+        """Unit vector in world along the body's x axis, (3,)."""
+        return self._rotation[:, 0]
 
     @property
     def contact(self) -> Mask:
@@ -367,9 +377,7 @@ class Controller:
             TICK,
         )
         if self.mode is Mode.WAIR:
-            self._climb(m.fans_available)
-            if self.climbing.lost:
-                self._follow_event(Event.LOST, "the fans are lost on an incline: crouching")
+            self._climb(m.fans_limit if m.fans_available else 0.0)
         else:
             self.climbing.fade(TICK)
             self._walking.thrust[2] = self.assist.lift_in_world(self._rotation)
@@ -520,60 +528,28 @@ class Controller:
         self.counters.out_of_reach = walking.out_of_reach
         if self.mode is Mode.WALK and walking.stopped:
             self._follow_event(Event.DONE, "feet down")
-        if self.mode is Mode.WAIR and self._leaving and self._holds("level"):
+        if self.mode is Mode.WAIR and self.wair.leaving and self._holds("level"):
             self._follow_event(Event.DONE, "level, feet down")
 
-    def _climb(self, fans: bool) -> None:
-        """Mode wair: turn the ground's frame to the incline, and ask the fans for their part."""
-        climbing, walking = self.climbing, self._walking
-        standing = self._contacts.contact & ~walking.clock.swinging
-        error = walking.reference.velocity - (climbing.plane @ self._estimator.velocity)[:2]
-        climbing.tick(
-            self._estimator.foot_in_world, standing, walking.clock.touchdown,
-            self._rotation[:, 1], error, fans, TICK,
+    def _climb(self, limit: float) -> None:
+        """Mode wair: turn the ground's frame to the incline; the fans can make `limit` newtons."""
+        standing = self._contacts.contact & ~self._walking.clock.swinging
+        self.wair.tick(
+            self._estimator.foot_in_world,
+            self._estimator.velocity,
+            self._rotation,
+            standing,
+            self._silent_ticks * TICK,
+            limit,
+            TICK,
         )
-        if climbing.turning:
-            walking.turn(climbing.turn)
-        np.matmul(climbing.plane, self._rotation, out=self._rotation_on_plane)
-        walking.gravity[:] = climbing.gravity
-        walking.thrust[:] = climbing.given_in_plane
-        walking.pitch, walking.sink = climbing.pitch, climbing.sink
-        walking.bend = climbing.bend()
-        light = min(1.0, max(LIGHTEST, climbing.lightness))
-        full = self._full_thresholds
+        np.matmul(self.climbing.plane, self._rotation, out=self._rotation_on_plane)
+        light, full = self.wair.lightness, self._full_thresholds
         self._thresholds = ContactThresholds(
             light * full.touchdown, light * full.early, light * full.liftoff
         )
-        walking.load_slope = climbing.load_slope()
-        walking.shift[:] = climbing.shift(walking.height)
-        silent = self._silent_ticks * TICK
-        if walking.reference.command.any():
-            self._rest_ticks = 0
-        else:
-            self._rest_ticks += 1
-        rested = self._rest_ticks * TICK > REST_TIME and walking.reference.at_rest
-        if walking.stepping and (rested or silent > self.parameters["command.timeout"]):
-            walking.stop_stepping()
-
-    def _step_again(self, vx: float, vy: float, yaw_rate: float) -> None:
-        """Mode wair: a command that is not zero sets the feet in motion."""
-        walking = self._walking
-        if self._leaving or not (vx or vy or yaw_rate) or not walking.stopped:
-            return
-        self._rest_ticks = 0
-        walking.start_stepping(
-            self.parameters.gait("climb"), self.climbing.plane @ self._estimator.position
-        )
-
-    def _leave_wair(self) -> tuple[bool, str]:
-        """Stand as on the flat, when the robot is on the flat."""
-        slope = math.degrees(self.climbing.slope)
-        if slope > math.degrees(LEVEL):
-            self.counters.refused_requests += 1
-            return False, f"stand refused: the robot is on an incline of {slope:.0f} deg"
-        self._leaving = True
-        self._walking.stop_stepping()
-        return True, "stopping"
+        if self.climbing.lost:
+            self._follow_event(Event.LOST, "the fans are lost on an incline: crouching")
 
     def _fly(self) -> None:
         """Fly, or spool up and down; the legs keep their posture and carry what the fans do not."""
@@ -655,11 +631,11 @@ class Controller:
         elif mode is Mode.FLY:
             self._take_off()
         elif mode is Mode.WAIR:
-            self._leaving = False
             self._silent_ticks = 0
-            self.climbing.begin(self._estimator.foot_in_world)
+            self.wair.begin(self._estimator.foot_in_world)
         elif mode is Mode.STAND and Mode.WAIR in row.sources:
-            self._level()
+            self.wair.level()
+            self._thresholds = self._full_thresholds
         elif mode is Mode.STAND and Mode.FLY in row.sources:
             self._stand_again()
         elif mode is Mode.WALK:
@@ -672,22 +648,10 @@ class Controller:
             self.assist.withhold()
         # A robot that crouches on an incline keeps its frame.
         if mode not in (Mode.WAIR, Mode.STAND, Mode.SIT) and self.climbing.active:
-            self._level()
+            self.wair.level()
+            self._thresholds = self._full_thresholds
         if mode not in (Mode.FLY, Mode.STAND) and self.hover.active:
             self.hover.end(at_once=mode is Mode.EMERGENCY_STOP)
-
-    def _level(self) -> None:
-        """Back from an incline: the ground's frame is the world's again."""
-        walking = self._walking
-        walking.turn(self.climbing.plane.T.copy())
-        self.climbing.end()
-        walking.gravity[:] = 0.0, 0.0, -GRAVITY
-        walking.thrust.fill(0.0)
-        walking.shift.fill(0.0)
-        walking.load_slope = (0.0, 0.0)
-        walking.bend = None
-        walking.pitch = walking.sink = 0.0
-        self._thresholds = self._full_thresholds
 
     def _take_off(self) -> None:
         """Begin a flight from standing; the fans go on with what they help already."""
@@ -737,7 +701,7 @@ class Controller:
         if condition == "stopped":
             return self._walking.stopped
         if condition == "level":
-            return self._walking.stopped and self.climbing.slope < LEVEL
+            return self.wair.is_level
         if condition == "at_rest":
             speed = math.hypot(*self._estimator.velocity[:2])
             turning = math.hypot(*m.angular_velocity_base_in_base)

@@ -29,12 +29,12 @@ def climbing(mounting="vectoring", **parameters):
     return c
 
 
-def stay(c, degrees, duration, available=True, error=STILL):
+def stay(c, degrees, duration, limit=math.inf, error=STILL):
     """Stand on a slope for a while; the thrust asked and given, and the slope walked on, of it."""
     history = []
     c.incline.pairs[:] = plane_normal(degrees)
     for _ in range(round(duration / DT)):
-        c.tick(feet_on(degrees), ALL, NONE, LEFT, error, available, DT)
+        c.tick(feet_on(degrees), ALL, NONE, LEFT, error, limit, DT)
         given, asked = np.linalg.norm(c.given), np.linalg.norm(c.thrust)
         history.append((asked, given, math.degrees(c.slope)))
     return np.array(history)
@@ -105,15 +105,15 @@ def test_steep_ground_presses_the_feet():
 
 def test_fans_lost_on_an_incline_are_told_and_on_gentle_ground_are_not():
     c = climbing()
-    stay(c, 10.0, 1.0, available=False)
+    stay(c, 10.0, 1.0, limit=0.0)
     assert not c.lost
     stay(c, 45.0, 4.0)
     assert not c.lost
-    stay(c, 45.0, 0.1, available=False)
+    stay(c, 45.0, 0.1, limit=0.0)
     assert c.lost
     assert np.linalg.norm(c.given) < 25.0
     legs_alone = climbing(thrust_share=0.0)
-    stay(legs_alone, 45.0, 3.0, available=False)
+    stay(legs_alone, 45.0, 3.0, limit=0.0)
     assert not legs_alone.lost and not legs_alone.thrust.any()
 
 
@@ -137,3 +137,15 @@ def test_the_end_is_level_and_the_thrust_fades():
     for _ in range(1000):
         c.fade(DT)
     assert not c.thrust.any() and np.linalg.norm(c.given) < 0.01
+
+
+@pytest.mark.parametrize(("degrees", "limit", "lost"), [(45.0, 40.0, False), (60.0, 40.0, True)])
+def test_the_fans_that_are_left_hold_the_robot_or_it_gives_up(degrees, limit, lost):
+    c = climbing()
+    stay(c, degrees, 5.0)
+    needed = np.linalg.norm(c.given)
+    assert (needed > limit) == lost
+    history = stay(c, degrees, 1.0, limit=limit)
+    assert c.lost == lost
+    assert (history[:, 1] <= max(limit, needed) + 1e-9).all()
+    assert np.linalg.norm(c.given) == pytest.approx(min(limit, needed), rel=1e-3)

@@ -14,18 +14,26 @@ from husky_bringup.incline_course import (
     go,
     go_to,
     has_fallen,
+    place,
 )
-from husky_bringup.incline_metrics import climb_summary
+from husky_bringup.incline_metrics import climb_summary, worst_tilt_deg
 from husky_bringup.incline_settings import MOUNTINGS, climbing_settings
 from husky_bringup.run import Run
 from husky_bringup.scripts import sit_down
 from husky_bringup.session import Session
 from husky_bringup.system import ParameterValue
+from husky_description import graph
 
 _PUSH = 0.1
 """Duration of a push [s]."""
 _STOPPING, _STANDING = 2.0, 3.0
 """Time to come to a stop on the slope, and then to stand there [s]."""
+_SHARE = 0.32 / 0.7
+"""Of the ground's friction, which the feet use unless told otherwise [-]."""
+_BEFORE_FAULT, _AFTER_FAULT = 3.0, 8.0
+"""Time on the slope before something is lost, and to see how it ends [s]."""
+_TUMBLE = 75.0
+"""Tilt from which on the robot has rolled over [deg]."""
 _THRUST_AT_45 = 40.0
 """Most thrust at 45 degrees [N]."""
 
@@ -43,6 +51,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--return", dest="back", action="store_true", help="stop, and walk down")
     parser.add_argument("--pushes", type=int, default=0, help="how many, one every 3 s")
     parser.add_argument("--push-impulse", type=float, default=5.0, help="of each [N s]")
+    parser.add_argument("--blend", type=float, default=1.5, help="radius of the slope's foot [m]")
+    parser.add_argument(
+        "--lose", choices=("fan", "link"), help="a fan, or the autopilot's bridge, on the slope"
+    )
+    parser.add_argument("--no-plans", action="store_true", help="by statics alone, no planner")
     parser.add_argument("--load-slope", type=float, help="tangential over normal load of the feet")
     parser.add_argument("--seed", type=int, default=0, help="of all sensor noise")
 
@@ -50,17 +63,19 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def controller_settings(options: argparse.Namespace) -> dict[str, ParameterValue]:
     """Return the controller's parameters that the options change."""
     chosen: dict[str, ParameterValue] = {}
+    if options.no_plans:
+        chosen["planner"] = False
     if options.no_thrust:
         chosen["wair.thrust_share"] = 0.0
-    if options.load_slope is not None:
-        chosen["wair.load_slope"] = float(options.load_slope)
+    chosen["wair.load_slope"] = options.load_slope or _SHARE * options.friction
     return chosen
 
 
 def run(run: Run) -> None:
     """No fall, fast enough, feet inside of the cone, thrust within what the statics promise."""
     options = run.options
-    course = course_for(options.slope, 1.5 * options.speed * options.duration, options.friction)
+    way = 1.5 * options.speed * options.duration
+    course = course_for(options.slope, way, options.friction, options.blend)
     settings = climbing_settings(
         course, options.seed, options.thrust_mode, controller_settings(options)
     )
@@ -68,8 +83,14 @@ def run(run: Run) -> None:
         get_ready(session, fans=not options.no_thrust)
         reached = climb_onto(session, course, options.speed)
         start = session.time
-        stands = reached and _climb(run, session, course)
+        if options.lose:
+            stands = reached and go(session, course, _BEFORE_FAULT, options.speed)
+        else:
+            stands = reached and _climb(run, session, course)
         end = session.time
+        if stands and options.lose:
+            _lose(run, session, course)
+        last = session.time
         came_back = True
         if stands and options.back:
             came_back = _come_back(run, session, course, options.speed)
@@ -81,7 +102,13 @@ def run(run: Run) -> None:
         start = max(0.0, end - 2.0)
         run.metrics["fell_before_the_slope"] = True
     run.metrics |= climb_summary(run.recording(), run.robot(), course, start, end)
-    judge(run, course, falls=int(not (stands and came_back)))
+    if options.lose:
+        tilt = worst_tilt_deg(run.recording(), course, end, last)
+        run.metrics["worst_tilt_deg"] = tilt
+        run.require("falls_before", int(not stands), upper=0)
+        run.require("tumbles", int(tilt > _TUMBLE), upper=0)
+    else:
+        judge(run, course, falls=int(not (stands and came_back)))
     run.illustrate()
 
 
@@ -110,6 +137,21 @@ def _climb(run: Run, session: Session, course: Course) -> bool:
             return False
         run.say(f"push {number + 1} survived")
     return go(session, course, max(0.0, end - session.time), options.speed)
+
+
+def _lose(run: Run, session: Session, course: Course) -> None:
+    """Lose a fan and walk down again, or the link, and see what becomes of the robot."""
+    if run.options.lose == "link":
+        session.kill(graph.PIXHAWK_BRIDGE)
+        session.set_velocity(0.0)
+        session.advance(_AFTER_FAULT)
+        return
+    legs = run.robot().legs
+    session.inject(graph.PLANT_INJECT_FAULT, f"{legs[run.options.seed % len(legs)]}_fan", "fail")
+    stands = go(session, course, _STOPPING, run.options.speed)
+    way, speed = course.along(np.zeros(3)) - 0.1, run.options.speed
+    within = 5.0 + 2.0 * (course.along(place(session)) - way) / speed
+    run.metrics["walked_down"] = stands and go_to(session, course, way, -speed, within)
 
 
 def _come_back(run: Run, session: Session, course: Course, speed: float) -> bool:

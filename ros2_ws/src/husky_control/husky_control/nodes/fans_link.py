@@ -90,6 +90,13 @@ class FansLink:
             and not state.failsafe
         )
 
+    def limit(self, time_ns: int) -> float:
+        """Return the most thrust that is left without a lost fan [N], infinite with all of them."""
+        state = self._known(time_ns)
+        if state is None or all(state.fan_ok):
+            return math.inf
+        return float(state.thrust_limit)
+
     def tell(self, time_ns: int, controller: Controller) -> None:
         """Send the command when it is due: an attitude in flight, a wrench otherwise.
 

@@ -20,6 +20,7 @@ from husky_control.controller import Controller, Measurements
 from husky_control.modes import Mode
 from husky_control.nodes.fans_link import FansLink
 from husky_control.nodes.imu_decoder import ImuSample, decode_imu
+from husky_control.nodes.plan_link import PlanLink
 from husky_control.nodes.plan_message import from_message
 from husky_control.nodes.pose_link import PoseLink
 from husky_control.parameters import TABLE, Parameters
@@ -72,6 +73,7 @@ class LowLevelController(Node):
             self, "grace", 1.0, "wall time a silent IMU is waited for [s]", lower=0.2, upper=60.0
         )
         fans = declare(self, "propulsion", False, "the robot carries the propulsion unit")
+        planner = declare(self, "planner", False, "ask the planner for plans on inclines")
         payload = declare(
             self,
             "payload",
@@ -135,6 +137,7 @@ class LowLevelController(Node):
         self._poses = PoseLink(self, grace, lockstep=self._lockstep) if fans else None
         if self._poses is not None:
             self.hot.insert(0, self._poses.hot)
+        self._plans = PlanLink(self, grace, lockstep=self._lockstep) if planner else None
         self.create_subscription(InclinePlan, graph.INCLINE_PLAN, self._on_plan, qos.LATCHED)
         self.hot_timers: list[Timer] = []
         self.create_service(SetMode, graph.SET_MODE, self._on_set_mode)
@@ -211,6 +214,8 @@ class LowLevelController(Node):
             self._fans.restart()
         if self._poses is not None:
             self._poses.restart()
+        if self._plans is not None:
+            self._plans.restart()
         self._measurements.pose = T265Pose()
         self.get_logger().warning("time has gone back: passive")
 
@@ -223,6 +228,8 @@ class LowLevelController(Node):
                 self._fans.watch(self._joint_time_ns)
             if self._poses is not None:
                 self._poses.watch(self._joint_time_ns)
+            if self._plans is not None:
+                self._plans.watch(self._joint_time_ns)
             self._tick_when_complete()
 
     def _settle(self) -> None:
@@ -236,7 +243,8 @@ class LowLevelController(Node):
         due = self._joint_time_ns - _IMU_PERIOD_NS
         fans = self._fans is None or self._fans.ready(self._joint_time_ns)
         poses = self._poses is None or self._poses.ready(self._joint_time_ns)
-        if not self._lockstep or (self._imu.ready(due) and fans and poses):
+        plans = self._plans is None or self._plans.ready(self._joint_time_ns)
+        if not self._lockstep or (self._imu.ready(due) and fans and poses and plans):
             self._pending = False
             self._tick()
             while self._later:
@@ -254,9 +262,12 @@ class LowLevelController(Node):
         self._take_imu(measurements)
         if self._fans is not None:
             measurements.fans_available = self._fans.available(self._joint_time_ns)
+            measurements.fans_limit = self._fans.limit(self._joint_time_ns)
             measurements.fans_yaw = self._fans.yaw(self._joint_time_ns)
         if self._poses is not None:
             self._poses.take(self._joint_time_ns, measurements.pose)
+        if self._plans is not None:
+            self._plans.tick(self._joint_time_ns, self._controller)
         command, message = self._controller.tick(measurements), self._command
         stamps.fill(message.stamp, self._joint_time_ns)
         stamps.fill(message.imu_stamp, self._imu_time_ns)
@@ -355,6 +366,8 @@ class LowLevelController(Node):
                 "missed_ticks": self._missed,
                 "peer_losses": self._imu.losses,
                 "refused_commands": controller.counters.refused_velocity_commands,
+                "plans": self._plans.plans if self._plans is not None else 0,
+                "plans_refused": self._plans.refusals if self._plans is not None else 0,
             },
         )
 

@@ -25,6 +25,7 @@ from husky_description.nodes.run import run
 from husky_description.robot import load_robot
 from husky_msgs.action import PlanIncline
 from husky_msgs.msg import InclinePlan
+from husky_msgs.srv import PlanCycle
 
 
 class PlannerNode(Node):
@@ -72,7 +73,32 @@ class PlannerNode(Node):
             execute_callback=self._execute,
             cancel_callback=lambda _: CancelResponse.ACCEPT,
         )
+        self.create_service(PlanCycle, graph.PLAN_CYCLE, self._on_plan_cycle)
         self._diagnostics = diagnostics.Diagnostics(self, "planner", self._report)
+
+    def _on_plan_cycle(
+        self, request: PlanCycle.Request, response: PlanCycle.Response
+    ) -> PlanCycle.Response:
+        """Answer the controller; who asks by action meanwhile is served first."""
+        goal = PlanIncline.Goal(
+            slope=request.slope,
+            speed=request.speed,
+            friction=request.load_slope,
+            thrust_mode=request.thrust_mode,
+            gait="climb",
+            thrust_limit=request.thrust_limit,
+        )
+        with self._one_at_a_time:
+            result = self._plan(goal)
+        self._count(result)
+        response.success, response.message = result.success, result.message
+        response.plan = result.plan
+        return response
+
+    def _count(self, result: PlanIncline.Result) -> None:
+        self._last = result.message
+        self._made += result.success
+        self._failed += not result.success
 
     def _execute(self, goal: ServerGoalHandle) -> PlanIncline.Result:
         begun = time.monotonic()
@@ -84,13 +110,11 @@ class PlannerNode(Node):
         if goal.is_cancel_requested:
             goal.canceled()
             return PlanIncline.Result(reason="cancelled", message="cancelled")
-        self._last = result.message
+        self._count(result)
         if result.success:
-            self._made += 1
             self._plans.publish(result.plan)
             goal.succeed()
         else:
-            self._failed += 1
             goal.abort()
         self.get_logger().info(f"{result.message} ({time.monotonic() - begun:.2f} s)")
         return result

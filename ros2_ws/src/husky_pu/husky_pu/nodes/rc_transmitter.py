@@ -81,6 +81,7 @@ class RcTransmitter(Node):
         self._schedule = FrameSchedule(period_ns, clock_period_ns if source == "lockstep" else 0)
         self._period_ns = period_ns
         self._now = 0.0
+        self._clock_ns = -1
         self._waiting = JoyQueue() if source == "lockstep" else None
         self._line = SbusLine(port)
         self._reported = (0, 0)
@@ -111,6 +112,9 @@ class RcTransmitter(Node):
 
     def _on_clock(self, clock: Clock) -> None:
         now_ns = stamps.to_ns(clock.clock)
+        if now_ns == self._clock_ns:
+            return  # The time of a world that stands still is told again and again.
+        self._clock_ns = now_ns
         frames, back = self._schedule.due(now_ns)
         self._now = 1e-9 * now_ns
         if back:

@@ -96,6 +96,7 @@ class Plant(Node):
 
         self._state = ServoState()
         self._clock_message = Clock()
+        self._clock_ns, self._clock_at = 0, 0.0
         self._state_publisher = self.create_publisher(ServoState, graph.SERVO_STATE, qos.CONTROL)
         self._clock_publisher = self.create_publisher(Clock, graph.CLOCK, qos.CLOCK)
         self._truth_publisher = self.create_publisher(Odometry, graph.GROUND_TRUTH, qos.STATUS)
@@ -185,6 +186,18 @@ class Plant(Node):
             if self._started and not self._wires.ready():
                 self._wires.await_answer(time.monotonic())
         self._advance()
+        if self._started and not self._running():
+            self._repeat_clock(time.monotonic())
+
+    def _repeat_clock(self, now: float) -> None:
+        """Tell the time of a world that stands still to who did not hear it or comes later."""
+        if now - self._clock_at > _RESEND_PERIOD and self._clock_ns > 0:
+            self._send_clock(self._clock_ns)
+
+    def _send_clock(self, time_ns: int) -> None:
+        self._clock_ns, self._clock_at = time_ns, time.monotonic()
+        stamps.fill(self._clock_message.clock, time_ns)
+        self._clock_publisher.publish(self._clock_message)
 
     def _await_bridge(self, now: float) -> None:
         if self._bridge.expire(now):
@@ -268,8 +281,7 @@ class Plant(Node):
     # Ground truth ---------------------------------------------------------------------------
     def _publish_truth(self) -> None:
         world = self._world
-        stamps.fill(self._clock_message.clock, world.time_ns)
-        self._clock_publisher.publish(self._clock_message)
+        self._send_clock(world.time_ns)
         truth = Odometry()
         truth.header.frame_id = graph.FRAME_WORLD
         truth.child_frame_id = graph.FRAME_BASE
@@ -342,6 +354,7 @@ class Plant(Node):
         if self._wires is not None:
             self._wires.restart(self._seed)
         self._command_ns = -1
+        self._clock_ns = 0
         self._started = False
         response.success, response.message = True, "the world is back at time 0"
         return response
