@@ -79,6 +79,8 @@ class Run:
         directory = self.output / label
         directory.mkdir(parents=True, exist_ok=True)
         chosen = {node: dict(values) for node, values in (settings or {}).items()}
+        for node, parameter, value in self.options.set:
+            chosen.setdefault(node, {})[parameter] = value
         chosen.setdefault("plant", {})["save_scene"] = str((directory / SCENE_FILE).resolve())
         for spec in simulated_robot("lockstep", chosen, None, remote):
             if spec.name in _WAITING:

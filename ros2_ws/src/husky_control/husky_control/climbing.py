@@ -28,6 +28,7 @@ from husky_control.incline import (
 from husky_control.parameters import Parameters
 from husky_control.plan import Plan
 from husky_control.plan_reference import PlanReference, reference_of
+from husky_description.mujoco_model import composite_inertia
 from husky_description.robot import Robot
 
 Array = NDArray[np.float64]
@@ -65,6 +66,8 @@ class Climbing:
         """Level, fans off."""
         self.parameters = parameters
         self.mass = float(robot.mass)
+        center, _ = composite_inertia(robot)
+        self._center: tuple[float, ...] = tuple(center.tolist())  # m, of mass, in base
         self.vectoring = robot.fans.mounting == "vectoring"
         self.pitch = 0.0
         self.reference: PlanReference | None = None
@@ -105,13 +108,16 @@ class Climbing:
     def shift(self, height: float) -> tuple[float, float]:
         """Return where the feet stand relative to under the body, (x, y) m in plane.
 
-        The load passes through the body: -height times the load's slope, and what a plan adds.
+        The load passes through the centre of mass: -height times the load's slope from under it,
+        and what a plan adds.
 
         Args:
             height: of the body over the feet [m].
         """
         x, y = self.load_slope()
         x, y = -height * x, -height * y
+        ahead, _, above = self._center
+        x += ahead * math.cos(self.pitch) + above * math.sin(self.pitch)
         reference = self.reference
         if reference is not None:
             further = reference.weight(self.slope) * reference.shift_extra

@@ -33,7 +33,8 @@ class PlanReference:
     Attributes:
         slope: [rad].
         thrust_extra: (2,) N up the slope and out of it, beyond the least thrust of the statics.
-        shift_extra: how much further uphill the feet stand under the body than by statics [m].
+        shift_extra: how much further uphill the feet stand under the centre of mass than by
+            statics [m].
         pitch: of the body relative to the slope, nose down positive [rad].
     """
 
@@ -71,7 +72,8 @@ def reference_of(plan: Plan, mass: float, thrust_mode: str, ratio: float) -> Pla
     gravity = GRAVITY * np.array([-math.sin(plan.slope), 0.0, -math.cos(plan.slope)])
     base = plan.position - plan.rotation @ plan.center_of_mass
     support = -plan.mass * gravity - thrust
-    shift = _feet_ahead(plan, base) + float(base[:, 2].mean()) * load_slope(support, 1.0)[0]
+    height = float(base[:, 2].mean())
+    shift = _feet_ahead(plan, plan.position) + height * load_slope(support, 1.0)[0]
     extra = np.zeros(2)
     if thrust_mode == "vector":
         extra = (thrust - least_thrust(gravity, plan.mass, ratio))[[0, 2]]
@@ -80,7 +82,7 @@ def reference_of(plan: Plan, mass: float, thrust_mode: str, ratio: float) -> Pla
 
 
 def _feet_ahead(plan: Plan, base: Array) -> float:
-    """How far uphill of the base (n, 3) m the standing feet are, mean over the cycle [m]."""
+    """How far uphill of the body (n, 3) m the standing feet are, mean over the cycle [m]."""
     way = time = 0.0
     for k in range(len(plan.time) - 1):
         # Between two points; at a switch of the stance they have the same time.

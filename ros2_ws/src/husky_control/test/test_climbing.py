@@ -8,6 +8,7 @@ import pytest
 from husky_control.climbing import GATE, Climbing
 from husky_control.incline import plane_from_world
 from husky_control.parameters import Parameters
+from husky_description.mujoco_model import composite_inertia
 from husky_description.robot import load_robot
 
 DT = 0.002
@@ -86,13 +87,20 @@ def test_feedback_pushes_along_the_slope_only_and_is_limited():
     assert abs(change[2]) < 0.05
 
 
-def test_the_load_passes_through_the_body():
+def test_the_load_passes_through_the_centre_of_mass():
     c = climbing()
+    (ahead, _, above), _ = composite_inertia(load_robot())
     stay(c, 45.0, 5.0)
     x, y = c.load_slope()
     assert x == pytest.approx(c.parameters["wair.load_slope"], abs=0.01)
-    assert c.shift(0.5) == pytest.approx((-0.5 * x, 0.0), abs=1e-3)
+    assert c.shift(0.5) == pytest.approx((-0.5 * x + ahead, 0.0), abs=1e-3)
     assert y == pytest.approx(0.0, abs=1e-6)
+    fixed = climbing("fixed")
+    stay(fixed, 30.0, 5.0)
+    lean = math.atan2(above, ahead) - fixed.pitch
+    under = math.hypot(ahead, above) * math.cos(lean)
+    assert fixed.pitch > math.radians(30.0) and under < ahead
+    assert fixed.shift(0.5)[0] == pytest.approx(-0.5 * fixed.load_slope()[0] + under, abs=1e-6)
 
 
 def test_steep_ground_presses_the_feet():

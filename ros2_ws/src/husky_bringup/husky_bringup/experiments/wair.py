@@ -28,8 +28,8 @@ _PUSH = 0.1
 """Duration of a push [s]."""
 _STOPPING, _STANDING = 2.0, 3.0
 """Time to come to a stop on the slope, and then to stand there [s]."""
-_SHARE = 0.32 / 0.7
-"""Of the ground's friction, which the feet use unless told otherwise [-]."""
+_SHARE = {"vector": 0.32 / 0.7, "body_z": 0.25 / 0.7}
+"""Of the ground's friction, which the feet are to use in each thrust mode [-]."""
 _BEFORE_FAULT, _AFTER_FAULT = 3.0, 8.0
 """Time on the slope before something is lost, and to see how it ends [s]."""
 _TUMBLE = 75.0
@@ -55,19 +55,17 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--lose", choices=("fan", "link"), help="a fan, or the autopilot's bridge, on the slope"
     )
-    parser.add_argument("--no-plans", action="store_true", help="by statics alone, no planner")
-    parser.add_argument("--load-slope", type=float, help="tangential over normal load of the feet")
     parser.add_argument("--seed", type=int, default=0, help="of all sensor noise")
 
 
 def controller_settings(options: argparse.Namespace) -> dict[str, ParameterValue]:
     """Return the controller's parameters that the options change."""
     chosen: dict[str, ParameterValue] = {}
-    if options.no_plans:
-        chosen["planner"] = False
+    if options.thrust_mode == "body_z":
+        chosen["planner"] = False  # Its plans pitch further, for less thrust, and feet slip more.
     if options.no_thrust:
         chosen["wair.thrust_share"] = 0.0
-    chosen["wair.load_slope"] = options.load_slope or _SHARE * options.friction
+    chosen["wair.load_slope"] = _SHARE[options.thrust_mode] * options.friction
     return chosen
 
 
