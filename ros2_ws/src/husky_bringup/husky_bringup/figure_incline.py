@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -110,6 +111,35 @@ def front_joint_angles(climbs: list[Climb], robot: Robot, directory: Path) -> Pa
         label(axes[0, column], title=climb.name)
         label(axes[2, column], x="time [s]")
     return save(figure, directory, "front_joint_angles")
+
+
+def friction_map(
+    climbed: Mapping[tuple[float, float], int | None], seeds: int, directory: Path
+) -> Path:
+    """Draw how many seeds climb, by friction and slope.
+
+    Args:
+        climbed: seeds that do, by (friction, slope in deg); None where none was tried.
+        seeds: tried in each cell.
+        directory: for the figure, made if it is missing.
+    """
+    directory.mkdir(parents=True, exist_ok=True)
+    frictions = sorted({friction for friction, _ in climbed})
+    slopes = sorted({slope for _, slope in climbed})
+    figure, axes = make_figure(1, 1, "Slopes that are climbed", size=(7.0, 5.0))
+    axis = axes[0, 0]
+    shares = np.array([[(climbed[f, s] or 0) / seeds for f in frictions] for s in slopes])
+    axis.imshow(shares, origin="lower", aspect="auto", cmap="RdYlGn", vmin=-0.4, vmax=1.4)
+    for row, slope in enumerate(slopes):
+        for column, friction in enumerate(frictions):
+            count = climbed[friction, slope]
+            text = "not tried" if count is None else f"{count} of {seeds}"
+            axis.text(column, row, text, ha="center", va="center")
+    axis.set_xticks(range(len(frictions)), [f"{friction:g}" for friction in frictions])
+    axis.set_yticks(range(len(slopes)), [f"{slope:g}" for slope in slopes])
+    axis.grid(visible=False)
+    label(axis, "slope [deg]", "coefficient of friction [-]")
+    return save(figure, directory, "friction_map")
 
 
 def torques_and_thrust(climbs: list[Climb], robot: Robot, directory: Path) -> Path:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from husky_bringup.incline_course import Course
 from husky_bringup.system import ParameterValue
 from husky_description import graph
@@ -14,7 +16,7 @@ def climbing_settings(
     course: Course,
     seed: int,
     thrust_mode: str = "vector",
-    controller: dict[str, ParameterValue] | None = None,
+    controller: Mapping[str, ParameterValue] | None = None,
 ) -> dict[str, dict[str, ParameterValue]]:
     """Return parameters by node name.
 

@@ -13,13 +13,15 @@ from pathlib import Path
 from typing import Any
 
 from husky_bringup.recording import Recording
-from husky_bringup.session import Session
+from husky_bringup.session import Session, SessionError
 from husky_bringup.system import ParameterValue, simulated_robot
 from husky_description import graph
 from husky_description.robot import Robot, load_robot
 
 SCENE_FILE = "scene.xml"
 """The world of a recording, saved by the plant beside the bag."""
+RESULT_FILE, _BEGUN = "result.json", ".begun"
+"""What a run ends with, and what marks its directory until then."""
 _GRACE = 10.0
 """Wall time for which nodes wait for each other [s]: an experiment is no test of a busy machine."""
 _WAITING = (
@@ -43,7 +45,11 @@ class Run:
     """
 
     def __init__(self, name: str, options: argparse.Namespace):
-        """Make an empty output directory."""
+        """Make an empty output directory.
+
+        Raises:
+            FileExistsError: it holds something else than an earlier run.
+        """
         self.name = name
         self.options = options
         self.output: Path = options.output
@@ -54,8 +60,12 @@ class Run:
         self._started = time.monotonic()
         self._simulated = 0.0
         if self.output.exists():
+            earlier = any((self.output / mark).exists() for mark in (_BEGUN, RESULT_FILE))
+            if any(self.output.iterdir()) and not earlier:
+                raise FileExistsError(f"{self.output} holds something else than an earlier run")
             shutil.rmtree(self.output)
         self.output.mkdir(parents=True)
+        (self.output / _BEGUN).touch()
 
     # The graph ------------------------------------------------------------------------------
     def session(
@@ -82,7 +92,11 @@ class Run:
         for node, parameter, value in self.options.set:
             chosen.setdefault(node, {})[parameter] = value
         chosen.setdefault("plant", {})["save_scene"] = str((directory / SCENE_FILE).resolve())
-        for spec in simulated_robot("lockstep", chosen, None, remote):
+        try:
+            specs = simulated_robot("lockstep", chosen, None, remote)
+        except ValueError as error:
+            raise SessionError(str(error)) from error
+        for spec in specs:
             if spec.name in _WAITING:
                 chosen.setdefault(spec.name, {}).setdefault("grace", _GRACE)
         self.say(f"starting the graph{f' ({label})' if label else ''}")
@@ -170,7 +184,7 @@ class Run:
             "metrics": {key: _plain(value) for key, value in self.metrics.items()},
             "criteria": self.criteria,
         }
-        (self.output / "result.json").write_text(json.dumps(result, indent=2) + "\n")
+        (self.output / RESULT_FILE).write_text(json.dumps(result, indent=2) + "\n")
         print(f"results in {self.output}/")
         for line in self._hints:
             print(line)

@@ -44,7 +44,11 @@ def main(arguments: list[str]) -> int:
         help="changes a parameter of a node, after the experiment's own; may be given many times",
     )
     experiment.add_options(parser)
-    run = Run(name, parser.parse_args(arguments[1:]))
+    try:
+        run = Run(name, parser.parse_args(arguments[1:]))
+    except OSError as error:
+        print(f"error: --output: {error}", file=sys.stderr)
+        return 2
     try:
         experiment.run(run)
     except SessionError as error:

@@ -28,7 +28,7 @@ _PUSH = 0.1
 """Duration of a push [s]."""
 _STOPPING, _STANDING = 2.0, 3.0
 """Time to come to a stop on the slope, and then to stand there [s]."""
-_SHARE = {"vector": 0.32 / 0.7, "body_z": 0.25 / 0.7}
+SHARE = {"vector": 0.32 / 0.7, "body_z": 0.25 / 0.7}
 """Of the ground's friction, which the feet are to use in each thrust mode [-]."""
 _BEFORE_FAULT, _AFTER_FAULT = 3.0, 8.0
 """Time on the slope before something is lost, and to see how it ends [s]."""
@@ -65,7 +65,7 @@ def controller_settings(options: argparse.Namespace) -> dict[str, ParameterValue
         chosen["planner"] = False  # Its plans pitch further, for less thrust, and feet slip more.
     if options.no_thrust:
         chosen["wair.thrust_share"] = 0.0
-    chosen["wair.load_slope"] = _SHARE[options.thrust_mode] * options.friction
+    chosen["wair.load_slope"] = SHARE[options.thrust_mode] * options.friction
     return chosen
 
 

@@ -1,0 +1,59 @@
+"""A gentle slope through the whole graph: plans are asked for, followed, and done without."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+from seen_robot import Robot
+
+from husky_bringup.incline_course import Course, climb_onto, get_ready, go
+from husky_bringup.incline_settings import climbing_settings
+from husky_description import graph
+
+pytestmark = pytest.mark.graph
+
+COURSE = Course(slope_deg=15.0, approach=0.3, blend=0.5, length=4.0)
+SPEED = 0.3
+GRACE = 10.0
+"""Wall time: the planner compiles its derivatives the first time [s]."""
+
+
+@pytest.fixture(scope="module")
+def climber(new_graph) -> Iterator[Robot]:
+    """A robot on the straight part of a slope, climbing."""
+    settings = climbing_settings(COURSE, seed=1, controller={"grace": GRACE})
+    settings[graph.PLANT]["grace"] = GRACE
+    settings[graph.PLANNER] = {"keep": False, "intervals": 12}
+    with new_graph(**settings) as robot:
+        get_ready(robot.session)
+        assert climb_onto(robot.session, COURSE, SPEED), robot.seen
+        yield robot
+
+
+def test_plans_are_asked_for_on_the_way_and_followed(climber):
+    plans = climber.told(graph.LOW_LEVEL_CONTROLLER, "plans")
+    # 7.5, 10, 12.5 and 15 deg are passed; the first steps may be taken at other speeds.
+    assert plans >= 3
+    assert climber.told(graph.LOW_LEVEL_CONTROLLER, "plans_refused") == 0
+    assert climber.told(graph.PLANNER, "plans") >= plans
+    assert climber.session.state.reason == "plan for 15 deg"
+    climber.reported(graph.PLANNER, "ready")
+
+
+def test_without_the_planner_it_climbs_on(climber):
+    session = climber.session
+    session.kill(graph.PLANNER)
+    plans = climber.told(graph.LOW_LEVEL_CONTROLLER, "plans")
+    start = climber.height
+    assert go(session, COURSE, 3.0, 0.2), climber.seen  # another speed asks for another plan
+    assert climber.mode == "wair" and climber.height > start + 0.1
+    assert climber.told(graph.LOW_LEVEL_CONTROLLER, "plans") == plans
+    session.start(graph.PLANNER)
+    climber.until(
+        lambda: climber.told(graph.LOW_LEVEL_CONTROLLER, "plans") > plans
+        or not go(session, COURSE, 1.0, 0.15),
+        "a plan of the new planner",
+        within=15.0,
+    )
+    assert climber.mode == "wair", climber.seen
