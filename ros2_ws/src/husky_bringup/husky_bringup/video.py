@@ -40,6 +40,9 @@ _FORCE_SCALE = 0.008
 """Length of a force arrow [m/N]."""
 _FORCE_WIDTH = 0.008
 _FORCE_COLOUR = (0.90, 0.33, 0.10, 0.9)
+_THRUST_COLOUR = (0.15, 0.45, 0.85, 1.0)
+_OVER_BASE = 0.35
+"""Where the arrow of the thrust begins, over the base, so that the robot does not hide it [m]."""
 _MINIMUM_FORCE = 2.0
 """Smaller forces get no arrow [N]."""
 
@@ -241,6 +244,7 @@ def _frames(
     window = max(1, round(_CAMERA_SMOOTHING / period))
     smooth = uniform_filter1d(base.position, window, axis=0, mode="nearest")
     contacts = recording.contacts if forces and recording.has(graph.FOOT_CONTACTS) else None
+    fans = recording.fans if contacts is not None and recording.has(graph.FAN_STATE) else None
     captions = _Captions(recording)
     camera = canvas.camera
     camera.type = mujoco.mjtCamera.mjCAMERA_FREE
@@ -268,6 +272,16 @@ def _frames(
                 if np.linalg.norm(force) > _MINIMUM_FORCE:
                     tip = foot + _FORCE_SCALE * force
                     add_arrow(scene, foot, tip, _FORCE_WIDTH, _FORCE_COLOUR)
+            if fans is None:
+                return
+            row = min(int(np.searchsorted(fans.time, now)), len(fans) - 1)
+            body = data.body("base")
+            axes = body.xmat.reshape(3, 3)
+            thrust, above = axes @ fans.force[row], body.xpos + _OVER_BASE * axes[:, 2]
+            if np.linalg.norm(thrust) > _MINIMUM_FORCE:
+                add_arrow(
+                    scene, above, above + _FORCE_SCALE * thrust, _FORCE_WIDTH, _THRUST_COLOUR
+                )
 
         yield captions.write(canvas.draw(data, add_forces), time)
 
@@ -306,9 +320,9 @@ class _Captions:
 
     def __init__(self, recording: Recording):
         self._base = recording.base
-        speed = np.linalg.norm(self._base.velocity[:, :2], axis=1)
-        period = float(np.median(np.diff(self._base.time)))
-        self._speed = uniform_filter1d(speed, max(1, round(0.4 / period)), mode="nearest")
+        window = max(1, round(0.4 / float(np.median(np.diff(self._base.time)))))
+        velocity = uniform_filter1d(self._base.velocity, window, axis=0, mode="nearest")
+        self._speed = np.linalg.norm(velocity, axis=1)
         self._states: Any = None
         if recording.has(graph.CONTROLLER_STATE):
             self._states = recording.controller
