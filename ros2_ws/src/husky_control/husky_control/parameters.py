@@ -57,7 +57,7 @@ _GAINS: dict[str, Parameter] = {
     "wair.most_load_slope": _P(0.5, 0.05, 1.0, "-", "Most of it that footholds and feed-forward allow for, while the fans give less"),
     "wair.least_load": _P(62.0, 0.0, 80.0, "N", "Least force on the ground that all feet together are to keep; on steep slopes the fans press them"),
     "wair.thrust_share": _P(1.0, 0.0, 1.5, "-", "Share of the statics' thrust that is asked for; 0 climbs without fans"),
-    "wair.thrust_limit": _P(76.0, 0.0, 80.0, "N", "Most thrust asked for"),
+    "wair.thrust_limit": _P(73.5, 0.0, 80.0, "N", "Most thrust asked for"),
     "wair.thrust_slew": _P(40.0, 5.0, 200.0, "N/s", "How fast the thrust asked for changes"),
     "wair.velocity_gain": _P(15.0, 0.0, 100.0, "N s/m", "Thrust per velocity error along the incline"),
     "wair.feedback_limit": _P(3.0, 0.0, 20.0, "N", "Most thrust that the velocity error adds"),
