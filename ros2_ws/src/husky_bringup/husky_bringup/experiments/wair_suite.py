@@ -13,8 +13,8 @@ from husky_bringup.incline_metrics import climb_summary
 from husky_bringup.incline_settings import climbing_settings
 from husky_bringup.run import SCENE_FILE, Run
 
-_SNAPSHOTS = 5
-"""Pictures of the steepest climb (T38)."""
+_SNAPSHOTS, _CYCLE = 5, 0.35
+"""Pictures of the steepest climb (T38), over a cycle of its gait [s]."""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -78,7 +78,7 @@ def _illustrate(run: Run, climbs: list[Climb]) -> None:
     directory = run.output / f"slope_{steepest.course.slope_deg:g}"
     model = video.load_scene(directory / SCENE_FILE)
     run.say("rendering video and snapshots of the steepest slope")
-    times = np.linspace(steepest.start, steepest.start + 1.4, _SNAPSHOTS)
+    times = steepest.start + 2.0 + np.linspace(0.0, _CYCLE, _SNAPSHOTS, endpoint=False)
     pictures = run.output / "snapshots.png"
     if video.snapshots(steepest.recording, model, pictures, times.tolist()) is None:
         run.say(video.unavailable_reason())
