@@ -28,8 +28,9 @@ _PUSH = 0.1
 """Duration of a push [s]."""
 _STOPPING, _STANDING = 2.0, 3.0
 """Time to come to a stop on the slope, and then to stand there [s]."""
-SHARE = {"vector": 0.32 / 0.7, "body_z": 0.25 / 0.7}
+_SHARE = {"vector": 0.32 / 0.7, "body_z": 0.25 / 0.7}
 """Of the ground's friction, which the feet are to use in each thrust mode [-]."""
+_ROUGH = 0.7
 _BEFORE_FAULT, _AFTER_FAULT = 3.0, 8.0
 """Time on the slope before something is lost, and to see how it ends [s]."""
 _TUMBLE = 75.0
@@ -58,6 +59,14 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=int, default=0, help="of all sensor noise")
 
 
+def load_slope(thrust_mode: str, friction: float) -> float:
+    """Return what the feet are asked to bear on ground of a friction, tangential over normal [-].
+
+    On rough ground no more than at `_ROUGH`: the feet would have to stand too far down the slope.
+    """
+    return _SHARE[thrust_mode] * min(friction, _ROUGH)
+
+
 def controller_settings(options: argparse.Namespace) -> dict[str, ParameterValue]:
     """Return the controller's parameters that the options change."""
     chosen: dict[str, ParameterValue] = {}
@@ -65,7 +74,7 @@ def controller_settings(options: argparse.Namespace) -> dict[str, ParameterValue
         chosen["planner"] = False  # Its plans pitch further, for less thrust, and feet slip more.
     if options.no_thrust:
         chosen["wair.thrust_share"] = 0.0
-    chosen["wair.load_slope"] = SHARE[options.thrust_mode] * options.friction
+    chosen["wair.load_slope"] = load_slope(options.thrust_mode, options.friction)
     return chosen
 
 

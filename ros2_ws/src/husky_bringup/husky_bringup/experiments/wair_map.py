@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from husky_bringup.experiments.wair import SHARE
+from husky_bringup.experiments.wair import load_slope
 from husky_bringup.figure_incline import friction_map
 from husky_bringup.incline_course import climb_onto, course_for, get_ready, go
 from husky_bringup.incline_settings import climbing_settings
@@ -58,7 +58,7 @@ def _climbs(run: Run, friction: float, slope: float, seed: int) -> bool:
     """Return whether the robot gets onto a slope and walks there."""
     options = run.options
     course = course_for(slope, 1.5 * options.speed * options.duration, friction, options.blend)
-    feet = {"wair.load_slope": min(0.7, SHARE["vector"] * friction)}
+    feet = {"wair.load_slope": load_slope("vector", friction)}
     settings = climbing_settings(course, seed, controller=feet)
     label = f"friction_{friction:g}_slope_{slope:g}_seed_{seed}"
     expected = options.duration + 50.0
