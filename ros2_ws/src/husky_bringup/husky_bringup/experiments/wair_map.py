@@ -9,6 +9,7 @@ from husky_bringup.figure_incline import friction_map
 from husky_bringup.incline_course import climb_onto, course_for, get_ready, go
 from husky_bringup.incline_settings import climbing_settings
 from husky_bringup.run import Run
+from husky_bringup.session import SessionError
 
 _ASKED = (0.7, 45.0)
 """Friction and slope that are to be climbed with every seed [-, deg]."""
@@ -63,6 +64,10 @@ def _climbs(run: Run, friction: float, slope: float, seed: int) -> bool:
     label = f"friction_{friction:g}_slope_{slope:g}_seed_{seed}"
     expected = options.duration + 50.0
     with run.session(settings, label=label, expected=expected, record=False) as session:
-        get_ready(session)
+        try:
+            get_ready(session)
+        except SessionError as error:  # A robot that does not even stand up does not climb.
+            run.say(f"not ready to climb: {error}")
+            return False
         reached = climb_onto(session, course, options.speed)
         return reached and go(session, course, options.duration, options.speed)
