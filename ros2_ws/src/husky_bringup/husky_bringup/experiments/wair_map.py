@@ -48,6 +48,7 @@ def run(run: Run) -> None:
         f"{friction:g}": {f"{slope:g}": climbed[friction, slope] for slope in slopes}
         for friction in frictions
     }
+    run.require("cells_tried", sum(count is not None for count in climbed.values()), lower=1)
     for (friction, slope), count in climbed.items():
         if friction == _ASKED[0] and slope <= _ASKED[1]:
             run.require(f"climbed_{slope:g}_deg", count or 0, lower=options.seeds)
