@@ -34,7 +34,8 @@ def test_wrong_signing_key(new_graph, stranger, tmp_path, record_property):
         key.write_text(KEY.hex())
         s.start(graph.PIXHAWK_BRIDGE)
         connected = lambda: s.propulsion is not None and s.propulsion.connected  # noqa: E731
-        robot.until(connected, "the unit", within=60.0, step=0.1)  # the world does not wait for it
+        robot.reported(graph.PIXHAWK_BRIDGE, "")  # it is up: in simulated time nobody waits for it
+        robot.until(connected, "the unit", within=5.0, step=0.1)
         s.arm()
         before = robot.told(graph.FLIGHT_CONTROLLER, "frames_badly_signed")
         stranger(255, 190).say(*[DISARM] * 10)

@@ -33,6 +33,18 @@ def parse_setting(text: str) -> tuple[str, str, ParameterValue]:
     return node, parameter, parsed
 
 
+def add_set_option(parser: argparse.ArgumentParser, help_text: str) -> None:
+    """Declare `--set NODE.PARAMETER=VALUE`, a list of what `parse_setting` returns."""
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        type=parse_setting,
+        metavar="NODE.PARAMETER=VALUE",
+        help=help_text,
+    )
+
+
 def collect(settings: Sequence[tuple[str, str, ParameterValue]]) -> Settings:
     """Sort single settings by node."""
     result: Settings = {}
@@ -57,13 +69,8 @@ def leave_out(specs: Sequence[NodeSpec], names: Sequence[str]) -> tuple[NodeSpec
 def add_robot_options(parser: argparse.ArgumentParser) -> None:
     """Declare what says which robot it is, and its parameters."""
     parser.add_argument("--time", choices=TIMES, default="realtime", help="who sets the pace")
-    parser.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        type=parse_setting,
-        metavar="NODE.PARAMETER=VALUE",
-        help="e.g. plant.terrain=tiles, plant.body=robot_with_unit; may be given many times",
+    add_set_option(
+        parser, "e.g. plant.terrain=tiles, plant.body=robot_with_unit; may be given many times"
     )
     parser.add_argument(
         "--remote", action="store_true", help="with the remote control of the propulsion unit"

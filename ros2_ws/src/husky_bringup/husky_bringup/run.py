@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from husky_bringup.bringup import collect
 from husky_bringup.recording import Recording
 from husky_bringup.session import Session, SessionError
 from husky_bringup.system import ParameterValue, simulated_robot
@@ -89,8 +90,8 @@ class Run:
         directory = self.output / label
         directory.mkdir(parents=True, exist_ok=True)
         chosen = {node: dict(values) for node, values in (settings or {}).items()}
-        for node, parameter, value in self.options.set:
-            chosen.setdefault(node, {})[parameter] = value
+        for node, values in collect(self.options.set).items():
+            chosen.setdefault(node, {}).update(values)
         chosen.setdefault("plant", {})["save_scene"] = str((directory / SCENE_FILE).resolve())
         try:
             specs = simulated_robot("lockstep", chosen, None, remote)

@@ -73,7 +73,7 @@ def reference_of(plan: Plan, mass: float, thrust_mode: str, ratio: float) -> Pla
     base = plan.position - plan.rotation @ plan.center_of_mass
     support = -plan.mass * gravity - thrust
     height = float(base[:, 2].mean())
-    shift = _feet_ahead(plan, plan.position) + height * load_slope(support, 1.0)[0]
+    shift = _feet_ahead(plan) + height * load_slope(support, 1.0)[0]
     extra = np.zeros(2)
     if thrust_mode == "vector":
         extra = (thrust - least_thrust(gravity, plan.mass, ratio))[[0, 2]]
@@ -81,14 +81,15 @@ def reference_of(plan: Plan, mass: float, thrust_mode: str, ratio: float) -> Pla
     return PlanReference(plan.slope, extra, shift, pitch)
 
 
-def _feet_ahead(plan: Plan, base: Array) -> float:
-    """How far uphill of the body (n, 3) m the standing feet are, mean over the cycle [m]."""
+def _feet_ahead(plan: Plan) -> float:
+    """How far uphill of the centre of mass the standing feet are, mean over the cycle [m]."""
+    center = plan.position
     way = time = 0.0
     for k in range(len(plan.time) - 1):
         # Between two points; at a switch of the stance they have the same time.
         step = float(plan.time[k + 1] - plan.time[k])
         feet = plan.foothold_at(float(plan.time[k]) + 0.5 * step)[plan.stance[k], 0]
         if step > 0.0 and len(feet):
-            way += step * (float(feet.mean()) - 0.5 * float(base[k, 0] + base[k + 1, 0]))
+            way += step * (float(feet.mean()) - 0.5 * float(center[k, 0] + center[k + 1, 0]))
             time += step
     return way / time if time > 0.0 else 0.0

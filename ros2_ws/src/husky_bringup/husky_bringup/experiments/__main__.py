@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 from husky_bringup import experiments
-from husky_bringup.bringup import parse_setting
+from husky_bringup.bringup import add_set_option
 from husky_bringup.run import Run
 from husky_bringup.session import SessionError
 
@@ -35,14 +35,7 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--output", type=Path, default=Path("out") / name, help="result directory")
     parser.add_argument("--no-video", action="store_true", help="do not render a video")
     parser.add_argument("--no-figures", action="store_true", help="do not draw figures")
-    parser.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        type=parse_setting,
-        metavar="NODE.PARAMETER=VALUE",
-        help="changes a parameter of a node, after the experiment's own; may be given many times",
-    )
+    add_set_option(parser, "after the experiment's own parameters; may be given many times")
     experiment.add_options(parser)
     try:
         run = Run(name, parser.parse_args(arguments[1:]))
