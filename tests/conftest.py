@@ -3,6 +3,7 @@
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -17,3 +18,15 @@ def domain(request: pytest.FixtureRequest) -> Iterator[int]:
 
     with own_domain(request.node.nodeid) as number:
         yield number
+
+
+@pytest.fixture
+def node(domain: int) -> Iterator[Any]:
+    """A node of rclpy in a context and a domain of its own."""
+    rclpy = pytest.importorskip("rclpy")
+    context = rclpy.Context()
+    rclpy.init(context=context, domain_id=domain)
+    node = rclpy.create_node("tested", context=context)
+    yield node
+    node.destroy_node()
+    rclpy.shutdown(context=context)

@@ -14,16 +14,6 @@ from husky_description.nodes.executor import WaitSetExecutor
 
 
 @pytest.fixture
-def node():
-    context = rclpy.Context()
-    rclpy.init(context=context)
-    node = rclpy.create_node("asked", context=context)
-    yield node
-    node.destroy_node()
-    rclpy.shutdown(context=context)
-
-
-@pytest.fixture
 def deaf(node, monkeypatch):
     """A service whose first answers do not reach their client, as rclpy reports it."""
 

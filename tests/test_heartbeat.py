@@ -4,20 +4,9 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-import rclpy
 
 from husky_description.nodes import heartbeat
 from husky_description.nodes.executor import WaitSetExecutor
-
-
-@pytest.fixture
-def node():
-    context = rclpy.Context()
-    rclpy.init(context=context)
-    node = rclpy.create_node("beating", context=context)
-    yield node
-    node.destroy_node()
-    rclpy.shutdown(context=context)
 
 
 def test_no_file_no_heartbeat(node, monkeypatch):
