@@ -18,7 +18,7 @@ from husky_control.incline_walk import InclineWalk
 from husky_control.kinematics import JOINTS, LEGS, Kinematics, forward_kinematics
 from husky_control.modes import ACTIVE, Event, Mode, ModeMachine, Transition
 from husky_control.parameters import Parameters
-from husky_control.posture import PostureMove
+from husky_control.posture import TUCKED, PostureMove, Postures
 from husky_control.rotation import matrix_from_quaternion, tilt_of, yaw_of
 from husky_control.safety import Safety, all_finite, limit_command
 from husky_control.stance import distribute_weight, lean_forces
@@ -35,7 +35,6 @@ Mask = NDArray[np.bool_]
 
 TICK = 0.002  # s
 REST_SPEED = 0.08  # m/s, below which a standing body is at rest
-CROUCH_FEET = (0.30, 0.28)  # m ahead and beside the base, of a robot that crouches on an incline
 REST_RATE = 0.3  # rad/s, likewise
 _REHEARSAL = (
     ("stand_up", 1000), ("walk", 200), ("stand", 500), ("wair", 20), ("stand", 20), ("sit", 20)
@@ -137,6 +136,7 @@ class Controller:
         self._gait_name = "trot"
         self._walking = Walking(robot, self.parameters, self.parameters.gait(self._gait_name))
         self._move = PostureMove()
+        self._postures = Postures(robot)
         self._suspended = Suspended(robot, self.parameters.gait(self._gait_name))
         self.assist = ThrustAssist(robot, self.parameters)
         self.hover = Hover(robot)
@@ -573,9 +573,9 @@ class Controller:
         """Torque feed-forward of standing up and sitting down: the legs take over the weight."""
         move, lifting = self._move, self.mode is Mode.STAND_UP
         if lifting:
-            part = move.progress if move.last_leg_of_the_way else 0.0
+            part = move.progress if move.on_last_way else 0.0
         else:
-            part = 0.0 if move.done else 1.0 - move.progress
+            part = 1.0 - move.progress if move.on_first_way else 0.0
         self._carry(self._walking.mass * GRAVITY * min(1.0, 4.0 * part))
 
     def _carry(self, weight: float) -> None:
@@ -597,21 +597,14 @@ class Controller:
         mode, robot = row.target, self.robot
         if mode is Mode.STAND_UP:
             start = self._measurements.joint_position
-            gather = self._gather_time(start, robot.sit_joint_position)
             if Mode.SIT in row.sources:
                 start = self._move.joint_position
             self._safety.reset()
             self._walking.clock.swinging.fill(False)
             self._walking.clock.swing_progress.fill(-1.0)
-            self._move.start(
-                [start, robot.sit_joint_position, self._stand_posture()],
-                [gather, self.parameters["stand.duration"]],
-            )
+            self._rise(start)
         elif mode is Mode.SIT:
-            p, lost = self.parameters, row.event is Event.LOST
-            end = self._crouch_posture() if lost else robot.sit_joint_position
-            duration = p["wair.crouch_time"] if lost else p["stand.duration"]
-            self._move.start([self.command.position, end], [duration])
+            self._descend(self.command.position, lost=row.event is Event.LOST)
         elif mode is Mode.STAND and row.event is Event.DONE and Mode.STAND_UP in row.sources:
             forward_kinematics(
                 self._geometry, self._move.joint_position, self._foot_force, self._jacobian
@@ -727,19 +720,38 @@ class Controller:
         return max(0.2, 1.875 * furthest / self.parameters["stand.joint_speed"])
 
     def _stand_posture(self) -> Array:
-        """Joint positions to stand up to: the robot's own posture, with the feet further out."""
-        p, side = self.parameters, np.sign(self.robot.lateral_offset)
-        feet = self._kinematics.foot_positions(self.robot.stand_joint_position)
-        feet[:, 1] += side * p["stand.lateral_spread"]
-        feet[:, 2] -= p["stand.height_offset"]
-        return self._kinematics.joint_positions(feet)
+        """Joint positions to stand up to."""
+        p = self.parameters
+        return self._postures.stand(p["stand.lateral_spread"], p["stand.height_offset"])
 
-    def _crouch_posture(self) -> Array:
-        """Joint positions low over feet that stand wide, so that a slide down is no tumble."""
-        feet = self._kinematics.foot_positions(self.robot.sit_joint_position)
-        feet[:, 0] = np.sign(feet[:, 0]) * CROUCH_FEET[0]
-        feet[:, 1] = np.sign(self.robot.lateral_offset) * CROUCH_FEET[1]
-        return self._kinematics.joint_positions(feet)
+    def _rise(self, start: Array) -> None:
+        """Stand up: the feet go to their places while the body lies, and lift it straight up."""
+        stand = self._stand_posture()
+        tucked, low = self._postures.low(stand, TUCKED), self._postures.low(stand)
+        self._move.start(
+            [
+                np.stack((start, tucked)),
+                self._postures.straight(tucked, low),
+                self._postures.straight(low, stand),
+            ],
+            [
+                self._gather_time(start, tucked),
+                self._gather_time(tucked, low),
+                self.parameters["stand.duration"],
+            ],
+        )
+
+    def _descend(self, start: Array, *, lost: bool) -> None:
+        """Sit down onto the perch between the feet, then gather them; or crouch, wide and soon."""
+        p, sit = self.parameters, self.robot.sit_joint_position
+        if lost:
+            self._move.start([np.stack((start, self._postures.crouch()))], [p["wair.crouch_time"]])
+            return
+        low = self._postures.low(start)
+        self._move.start(
+            [self._postures.straight(start, low), np.stack((low, sit))],
+            [p["stand.duration"], self._gather_time(low, sit)],
+        )
 
     def _refresh_parameters(self) -> None:
         """Take over live parameters that the kernels get as tuples."""

@@ -2,71 +2,132 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
-from husky_control.kinematics import JOINTS
+from husky_control.kinematics import JOINTS, Kinematics
+
+if TYPE_CHECKING:
+    from husky_description.robot import Robot
 
 Array = NDArray[np.float64]
 
+TUCKED = 0.01  # m, feet above the ground of a body on its perch, as they go to their places
+CROUCH_FEET = (0.30, 0.28)  # m ahead and beside the base, of a robot that crouches on an incline
+KNOTS = 9  # postures on the way of feet that go straight
+
+
+class Postures:
+    """The named postures of one robot, and ways between them on which its feet do not slide."""
+
+    def __init__(self, robot: Robot) -> None:
+        """Postures of a robot that sits on its perch and stands on level ground."""
+        self._kinematics = Kinematics(robot)
+        self._side = np.sign(robot.lateral_offset)
+        self._sit_height = robot.sit_height
+        self._sit_feet = self._kinematics.foot_positions(robot.sit_joint_position)
+        self._stand_feet = self._kinematics.foot_positions(robot.stand_joint_position)
+
+    def stand(self, lateral_spread: float, height_offset: float) -> Array:
+        """Joint positions (12,) rad: the robot's own posture, feet further out, body higher (m)."""
+        feet = self._stand_feet.copy()
+        feet[:, 1] += self._side * lateral_spread
+        feet[:, 2] -= height_offset
+        return self._kinematics.joint_positions(feet)
+
+    def low(self, posture: Array, clearance: float = 0.0) -> Array:
+        """Joint positions (12,) rad of a body on its perch over the feet of a posture (12,) rad.
+
+        Args:
+            posture: whose feet keep their places.
+            clearance: m, of the feet above the ground.
+        """
+        feet = self._kinematics.foot_positions(posture)
+        feet[:, 2] = clearance - self._sit_height
+        return self._kinematics.joint_positions(feet)
+
+    def crouch(self) -> Array:
+        """Joint positions (12,) rad low over wide feet, so that a slide down is no tumble."""
+        feet = self._sit_feet.copy()
+        feet[:, 0] = np.sign(feet[:, 0]) * CROUCH_FEET[0]
+        feet[:, 1] = self._side * CROUCH_FEET[1]
+        return self._kinematics.joint_positions(feet)
+
+    def straight(self, start: Array, end: Array) -> Array:
+        """Postures (KNOTS, 12) rad between two on which each foot goes straight in base."""
+        kinematics = self._kinematics
+        first, last = kinematics.foot_positions(start), kinematics.foot_positions(end)
+        part = np.linspace(0.0, 1.0, KNOTS)
+        way = np.array([kinematics.joint_positions(first + b * (last - first)) for b in part])
+        # Legs that are bent the other way are led over.
+        return way + np.outer(1.0 - part, start - way[0]) + np.outer(part, end - way[-1])
+
 
 class PostureMove:
-    """Minimum-jerk motion through postures, each reached at rest."""
+    """Minimum-jerk motion along ways through postures, at rest after each."""
 
     def __init__(self) -> None:
         """No motion, at zero."""
         self.joint_position = np.zeros(JOINTS)
         self.joint_velocity = np.zeros(JOINTS)
-        self._postures: list[Array] = [np.zeros(JOINTS)]
-        self._durations: list[float] = []
+        self._ways: list[tuple[CubicSpline, float]] = []
+        self._taken = 0
         self._elapsed = 0.0
 
-    def start(self, postures: list[Array], durations: list[float]) -> None:
-        """Begin at rest in the first posture and go through the others.
+    def start(self, ways: list[Array], durations: list[float]) -> None:
+        """Begin at rest at the start of the first way and take one after the other.
 
         Args:
-            postures: n + 1 joint positions (12,) rad.
+            ways: n times (k, 12) rad, postures in even steps; k is 2 for a straight line between
+                two. Each starts where the one before ends.
             durations: n times in s.
         """
-        if len(postures) != len(durations) + 1:
-            raise ValueError(f"{len(postures)} postures need {len(postures) - 1} durations")
-        self._postures = [np.array(posture) for posture in postures]
-        self._durations = list(durations)
+        if len(ways) != len(durations):
+            raise ValueError(f"{len(ways)} ways need as many durations, not {len(durations)}")
+        self._ways = [
+            (CubicSpline(np.linspace(0.0, 1.0, len(way)), way), duration)
+            for way, duration in zip(ways, durations, strict=True)
+        ]
+        self._taken = 0
         self._elapsed = 0.0
-        self.joint_position[:] = postures[0]
+        self.joint_position[:] = ways[0][0]
         self.joint_velocity.fill(0.0)
 
     @property
     def done(self) -> bool:
         """Whether the last posture is reached."""
-        return not self._durations
+        return self._taken >= len(self._ways)
 
     @property
-    def last_leg_of_the_way(self) -> bool:
-        """Whether the motion is on its way to the last posture, or there."""
-        return len(self._durations) <= 1
+    def on_first_way(self) -> bool:
+        """Whether the first way is not at its end yet."""
+        return self._taken == 0 and not self.done
+
+    @property
+    def on_last_way(self) -> bool:
+        """Whether the motion is on its last way, or at its end."""
+        return self._taken >= len(self._ways) - 1
 
     @property
     def progress(self) -> float:
-        """Progress towards the next posture, 0 to 1."""
-        return min(1.0, self._elapsed / self._durations[0]) if self._durations else 1.0
+        """Time spent of the present way, 0 to 1."""
+        return 1.0 if self.done else min(1.0, self._elapsed / self._ways[self._taken][1])
 
     def tick(self, dt: float) -> None:
         """Advance joint_position (rad) and joint_velocity (rad/s) by dt s."""
-        if not self._durations:
+        if self.done:
             self.joint_velocity.fill(0.0)
             return
+        way, duration = self._ways[self._taken]
         self._elapsed += dt
-        duration = self._durations[0]
         s = min(1.0, self._elapsed / duration)
         blend = s * s * s * (10.0 + s * (6.0 * s - 15.0))
         slope = 30.0 * s * s * (1.0 - s) * (1.0 - s) / duration
-        start, end = self._postures[0], self._postures[1]
-        np.subtract(end, start, out=self.joint_velocity)
-        np.multiply(self.joint_velocity, blend, out=self.joint_position)
-        self.joint_position += start
-        self.joint_velocity *= slope
+        self.joint_position[:] = way(blend)
+        np.multiply(way(blend, 1), slope, out=self.joint_velocity)
         if s >= 1.0:
-            self._postures.pop(0)
-            self._durations.pop(0)
+            self._taken += 1
             self._elapsed = 0.0

@@ -56,7 +56,7 @@ class Suspended:
         """Move from joint positions `start` to `posture` (12,) [rad] in a time [s], and hold it."""
         self._treading = False
         self.clock.start(self.clock.gait)
-        self._move.start([start, posture], [duration])
+        self._move.start([np.stack((start, posture))], [duration])
         forward_kinematics(
             self._geometry, np.ascontiguousarray(posture), self._nominal, self._scratch_jacobian
         )

@@ -1,19 +1,28 @@
-"""Postures: minimum-jerk motion, from rest to rest through each of them."""
+"""Postures and ways between them: minimum-jerk motion, from rest to rest on each way."""
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from husky_control.posture import PostureMove
+from husky_control.kinematics import Kinematics
+from husky_control.posture import TUCKED, PostureMove, Postures
+from husky_description.robot import load_robot
 
 DT = 0.002
+ROBOT = load_robot()
+FEET = Kinematics(ROBOT).foot_positions
+
+
+def ways_through(*postures):
+    """Straight ways in joint space from one posture to the next."""
+    return [np.stack(pair) for pair in zip(postures, postures[1:], strict=False)]
 
 
 def run(postures, durations):
     """Positions and velocities (ticks, 12) until the motion is done."""
     move = PostureMove()
-    move.start([np.full(12, p) for p in postures], durations)
+    move.start(ways_through(*(np.full(12, p) for p in postures)), durations)
     position, velocity = [move.joint_position.copy()], [move.joint_velocity.copy()]
     for _ in range(round(sum(durations) / DT) + 5 * len(durations)):
         if move.done:
@@ -58,17 +67,17 @@ def test_it_rests_at_each_posture_on_its_way():
     assert there * DT == pytest.approx(0.5, abs=DT)
 
 
-def test_progress_and_last_leg_tell_where_it_is():
+def test_progress_and_the_way_tell_where_it_is():
     move = PostureMove()
-    assert move.done and move.last_leg_of_the_way and move.progress == 1.0
-    move.start([np.zeros(12), np.ones(12), np.zeros(12)], [0.1, 0.2])
-    assert not move.done and not move.last_leg_of_the_way and move.progress == 0.0
+    assert move.done and move.on_last_way and not move.on_first_way and move.progress == 1.0
+    move.start(ways_through(np.zeros(12), np.ones(12), np.zeros(12)), [0.1, 0.2])
+    assert not move.done and move.on_first_way and not move.on_last_way and move.progress == 0.0
     for _ in range(25):
         move.tick(DT)
     assert move.progress == pytest.approx(0.5)
     for _ in range(26):
         move.tick(DT)
-    assert move.last_leg_of_the_way and not move.done
+    assert move.on_last_way and not move.on_first_way and not move.done
     for _ in range(101):
         move.tick(DT)
     assert move.done and move.progress == 1.0
@@ -78,15 +87,55 @@ def test_progress_and_last_leg_tell_where_it_is():
     assert not move.joint_velocity.any()
 
 
-def test_the_start_does_not_follow_the_caller_s_array():
-    start = np.zeros(12)
+def test_the_way_does_not_follow_the_caller_s_array():
+    way = np.stack((np.zeros(12), np.ones(12)))
     move = PostureMove()
-    move.start([start, np.ones(12)], [1.0])
-    start.fill(99.0)
+    move.start([way], [1.0])
+    way.fill(99.0)
     move.tick(DT)
     assert np.abs(move.joint_position).max() < 1e-6
 
 
-def test_postures_and_durations_must_agree():
-    with pytest.raises(ValueError, match="3 postures need 2 durations"):
-        PostureMove().start([np.zeros(12)] * 3, [1.0])
+def test_ways_and_durations_must_agree():
+    with pytest.raises(ValueError, match="2 ways need as many durations, not 1"):
+        PostureMove().start([np.zeros((2, 12))] * 2, [1.0])
+
+
+@pytest.mark.parametrize("spread", [0.0, 0.04, 0.15])
+def test_feet_stay_at_their_places_while_the_body_rises(spread):
+    postures = Postures(ROBOT)
+    stand = postures.stand(spread, 0.0)
+    place = FEET(ROBOT.stand_joint_position)
+    place[:, 1] += np.sign(place[:, 1]) * spread
+    np.testing.assert_allclose(FEET(stand), place, atol=1e-9)
+    tucked, low = postures.low(stand, TUCKED), postures.low(stand)
+    np.testing.assert_allclose(FEET(low)[:, 2], -ROBOT.sit_height, atol=1e-9)
+    np.testing.assert_allclose(FEET(tucked) - FEET(low), [[0.0, 0.0, TUCKED]] * 4, atol=1e-9)
+
+    move, heights = PostureMove(), []
+    move.start([postures.straight(tucked, low), postures.straight(low, stand)], [0.2, 1.5])
+    while not move.done:
+        move.tick(DT)
+        feet = FEET(move.joint_position)
+        # Between the knots of the way feet leave the straight line by little.
+        np.testing.assert_allclose(feet[:, :2], place[:, :2], atol=1e-3)
+        heights.append(feet[0, 2])
+    assert np.argmax(heights) == 0 and heights[-1] == pytest.approx(place[0, 2])
+    np.testing.assert_allclose(move.joint_position, stand, atol=1e-12)
+
+
+def test_a_straight_way_begins_and_ends_as_told_even_where_knees_bend_the_other_way():
+    postures = Postures(ROBOT)
+    odd = -ROBOT.stand_joint_position
+    way = postures.straight(odd, postures.low(odd))
+    np.testing.assert_allclose(way[0], odd, atol=1e-12)
+    np.testing.assert_allclose(way[-1], postures.low(odd), atol=1e-12)
+    # No jump on the way either.
+    assert np.abs(np.diff(way, axis=0)).max() < 0.6
+
+
+def test_crouching_feet_stand_wider_than_sitting_ones():
+    postures = Postures(ROBOT)
+    feet, sit = FEET(postures.crouch()), FEET(ROBOT.sit_joint_position)
+    assert (np.abs(feet[:, :2]) > np.abs(sit[:, :2])).all()
+    np.testing.assert_allclose(feet[:, 2], sit[:, 2], atol=1e-9)
