@@ -10,7 +10,8 @@ import time
 
 import numpy as np
 
-from husky_control.controller import Controller, Measurements
+from husky_control.controller import Controller
+from husky_control.tick_data import Measurements
 from husky_description import graph
 from husky_description.robot import Robot, load_robot
 from husky_drivers.axes import settings_of

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,7 +22,14 @@ from husky_control.rotation import matrix_from_quaternion, tilt_of, yaw_of
 from husky_control.safety import Safety, all_finite, limit_command
 from husky_control.stance import distribute_weight, lean_forces
 from husky_control.suspended import Suspended
-from husky_control.t265_pose import T265Pose
+from husky_control.tick_data import (
+    CYCLIC_POSITION,
+    CYCLIC_TORQUE,
+    CYCLIC_VELOCITY,
+    Counters,
+    JointCommand,
+    Measurements,
+)
 from husky_control.walking import Walking
 
 if TYPE_CHECKING:
@@ -40,79 +46,6 @@ _REHEARSAL = (
     ("stand_up", 1000), ("walk", 200), ("stand", 500), ("wair", 20), ("stand", 20), ("sit", 20)
 )  # modes and ticks in each, before the first real tick
 TRUST_TIME = 0.02  # s, in which an unloaded stance foot loses the estimator's trust
-
-# CiA 402 modes of operation
-CYCLIC_POSITION = 8
-CYCLIC_VELOCITY = 9
-CYCLIC_TORQUE = 10
-
-
-@dataclass(slots=True)
-class Measurements:
-    """What one tick knows. Frames: base is REP-103, world has z up."""
-
-    time: float = 0.0  # s
-    joint_position: Array = field(default_factory=lambda: np.zeros(JOINTS))  # rad
-    joint_velocity: Array = field(default_factory=lambda: np.zeros(JOINTS))  # rad/s
-    joint_torque: Array = field(default_factory=lambda: np.zeros(JOINTS))  # N m, from current
-    orientation_base_in_world: Array = field(  # quaternion x, y, z, w
-        default_factory=lambda: np.array([0.0, 0.0, 0.0, 1.0])
-    )
-    angular_velocity_base_in_base: Array = field(default_factory=lambda: np.zeros(3))  # rad/s
-    specific_force_base: Array = field(  # m/s^2, of the base
-        default_factory=lambda: np.array([0.0, 0.0, GRAVITY])
-    )
-    imu_age: float = 0.0  # s, of the IMU sample
-    joint_age_ticks: int = 0  # ticks, of the joint states
-    drives_operational: bool = False
-    fans_available: bool = False  # the propulsion unit is armed, listens and has no fail-safe
-    fans_limit: float = math.inf  # N, most thrust of the fans left, once one is lost
-    fans_yaw: float = math.nan  # rad, of base in the flight controller's world; nan: not known
-    pose: T265Pose = field(default_factory=T265Pose)  # newest of the tracking camera
-
-    def take(self, other: Measurements) -> None:
-        """Copy the values of another one.
-
-        Raises:
-            ValueError: an array of the other has a wrong shape.
-        """
-        self.time = other.time
-        self.joint_position[:] = other.joint_position
-        self.joint_velocity[:] = other.joint_velocity
-        self.joint_torque[:] = other.joint_torque
-        self.orientation_base_in_world[:] = other.orientation_base_in_world
-        self.angular_velocity_base_in_base[:] = other.angular_velocity_base_in_base
-        self.specific_force_base[:] = other.specific_force_base
-        self.imu_age = other.imu_age
-        self.joint_age_ticks = other.joint_age_ticks
-        self.drives_operational = other.drives_operational
-        self.fans_available = other.fans_available
-        self.fans_limit = other.fans_limit
-        self.fans_yaw = other.fans_yaw
-        self.pose.take(other.pose)
-
-
-@dataclass(slots=True)
-class JointCommand:
-    """Targets for the twelve drives; the arrays are reused by the next tick."""
-
-    mode_of_operation: int = CYCLIC_TORQUE  # CiA 402
-    position: Array = field(default_factory=lambda: np.zeros(JOINTS))  # rad
-    velocity: Array = field(default_factory=lambda: np.zeros(JOINTS))  # rad/s
-    effort: Array = field(default_factory=lambda: np.zeros(JOINTS))  # N m
-
-
-@dataclass(slots=True)
-class Counters:
-    """What happened since the controller was made."""
-
-    ticks: int = 0
-    faults: int = 0
-    bad_measurements: int = 0
-    refused_velocity_commands: int = 0
-    refused_requests: int = 0
-    command_timeouts: int = 0
-    out_of_reach: int = 0
 
 
 class Controller:
@@ -594,7 +527,7 @@ class Controller:
     def _enter(self, row: Transition, reason: str) -> None:
         """Prepare the mode that a transition has led to."""
         self.reason = reason
-        mode, robot = row.target, self.robot
+        mode = row.target
         if mode is Mode.STAND_UP:
             start = self._measurements.joint_position
             if Mode.SIT in row.sources:

@@ -25,14 +25,14 @@ class Mode(Enum):
 
 DESCRIPTIONS: dict[Mode, str] = {
     Mode.PASSIVE: "joints get zero torque",
-    Mode.STAND_UP: "gathers the legs, then raises the body",
+    Mode.STAND_UP: "brings the feet to their places while the body lies, then raises it",
     Mode.STAND: "holds the body over four feet",
     Mode.WALK: "steps in a gait; also while it comes to a stop",
     Mode.WAIR: "walks up and down inclines, held against them by the fans; stands at speed zero",
     Mode.FLY: "hovers on the fans, legs in the standing posture; also take-off and landing",
     Mode.HANG: "holds the standing posture without the ground, for a robot in ropes",
     Mode.TREAD: "steps in place under its hips, in the base's frame, for a robot in ropes (T40)",
-    Mode.SIT: "lowers the body, then holds the sitting posture",
+    Mode.SIT: "lowers the body between the feet, gathers the legs, holds the sitting posture",
     Mode.DAMPING: "joints are held at zero velocity: the robot sinks",
     Mode.EMERGENCY_STOP: "joints get zero torque until an operator asks for passive",
 }

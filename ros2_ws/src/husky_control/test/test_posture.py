@@ -1,5 +1,7 @@
 """Postures and ways between them: minimum-jerk motion, from rest to rest on each way."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -16,7 +18,7 @@ FEET = Kinematics(ROBOT).foot_positions
 
 def ways_through(*postures):
     """Straight ways in joint space from one posture to the next."""
-    return [np.stack(pair) for pair in zip(postures, postures[1:], strict=False)]
+    return [np.stack(pair) for pair in pairwise(postures)]
 
 
 def run(postures, durations):

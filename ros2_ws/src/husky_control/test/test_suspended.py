@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 
-from husky_control.controller import Controller, Measurements
+from husky_control.controller import Controller
 from husky_control.gait import GAITS
 from husky_control.kinematics import LEGS, Kinematics
 from husky_control.modes import Mode
 from husky_control.suspended import Suspended
+from husky_control.tick_data import Measurements
 from husky_description.robot import load_robot
 
 DT = 0.002

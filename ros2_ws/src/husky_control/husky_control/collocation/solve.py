@@ -62,6 +62,8 @@ WARM_OPTIONS: dict[str, Any] = {
     "warm_start_slack_bound_push": 1e-8,
     "warm_start_slack_bound_frac": 1e-8,
     "warm_start_mult_bound_push": 1e-8,
+    "min_refinement_steps": 0,  # a step needs no more than the tolerance
+    "residual_ratio_max": 1e-6,
     "max_iter": 100,
 }
 """Options of IPOPT for a start from a solution nearby, with its multipliers."""

@@ -16,7 +16,7 @@ from rclpy.parameter import Parameter
 from rclpy.timer import Timer
 from sensor_msgs.msg import Imu, JointState
 
-from husky_control.controller import Controller, Measurements
+from husky_control.controller import Controller
 from husky_control.modes import Mode
 from husky_control.nodes.fans_link import FansLink
 from husky_control.nodes.imu_decoder import ImuSample, decode_imu
@@ -27,6 +27,7 @@ from husky_control.parameters import TABLE, Parameters
 from husky_control.rotation import matrix_from_quaternion
 from husky_control.stability import static_margin
 from husky_control.t265_pose import T265Pose
+from husky_control.tick_data import Measurements
 from husky_description import graph
 from husky_description.lockstep import Peer, Presence
 from husky_description.nodes import diagnostics, qos, stamps
