@@ -25,10 +25,10 @@ from husky_control.incline import (
     thrust_for_load,
     turn_towards,
 )
+from husky_control.kinematics import Kinematics
 from husky_control.parameters import Parameters
 from husky_control.plan import Plan
 from husky_control.plan_reference import PlanReference, reference_of
-from husky_description.mujoco_model import composite_inertia
 from husky_description.robot import Robot
 
 Array = NDArray[np.float64]
@@ -66,7 +66,7 @@ class Climbing:
         """Level, fans off."""
         self.parameters = parameters
         self.mass = float(robot.mass)
-        center, _ = composite_inertia(robot)
+        center = Kinematics(robot).center_of_mass(robot.stand_joint_position)
         self._center: tuple[float, ...] = tuple(center.tolist())  # m, of mass, in base
         self.vectoring = robot.fans.mounting == "vectoring"
         self.pitch = 0.0

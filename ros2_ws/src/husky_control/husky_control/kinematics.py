@@ -266,6 +266,14 @@ class Kinematics:
     def __init__(self, robot: Robot) -> None:
         """Kinematics of a robot's legs."""
         self.geometry = leg_geometry(robot)
+        self._masses = leg_masses(robot)
+
+    def center_of_mass(self, joint_position: Array) -> Array:
+        """Centre of mass of the whole robot in base, (3,) m, for joint positions (12,) rad."""
+        foot, center = self.foot_positions(joint_position), np.empty(3)
+        joints = np.ascontiguousarray(joint_position, dtype=np.float64)
+        center_of_mass(self.geometry, self._masses, joints, foot, center)
+        return center
 
     def foot_positions(self, joint_position: Array) -> Array:
         """Foot centres in base, (4, 3) m, for joint positions (12,) rad."""
