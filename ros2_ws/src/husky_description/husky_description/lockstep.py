@@ -65,6 +65,13 @@ class Peer:
         self._patience = grace if start_grace is None else max(grace, start_grace)
         self._waiting_since: float | None = None
 
+    def expect(self) -> None:
+        """From now on answers of a peer that was absent are waited for, each for the grace."""
+        if self.presence is Presence.ABSENT:
+            self.presence = Presence.EXPECTED
+            self._patience = self.grace
+            self._waiting_since = None
+
     def answer(self, stamp: int) -> None:
         """The peer has answered for the tick with this stamp [ns]; a lost one is back.
 

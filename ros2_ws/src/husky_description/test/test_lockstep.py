@@ -55,6 +55,16 @@ def test_one_that_is_not_awaited_before_it_is_heard():
     assert not peer.ready(TICK)
 
 
+def test_one_that_was_absent_can_be_asked():
+    peer = Peer("planner", grace=1.0, start_grace=None)
+    peer.expect()
+    assert not peer.ready(0)
+    assert not peer.expire(10.0) and not peer.expire(10.9)
+    assert peer.expire(11.1) and peer.ready(0)
+    peer.expect()
+    assert peer.presence is Presence.LOST, "who is lost comes back by an answer alone"
+
+
 def test_restart_forgets_answers_of_before():
     peer = Peer("bridge")
     peer.answer(500 * TICK)

@@ -73,8 +73,7 @@ class PlanLink:
         if query is None:
             return
         self._last, self._waiting, self._due_ns = query, True, time_ns + _DELAY_NS
-        if self._peer.presence is Presence.ABSENT:
-            self._peer.answer(-1)  # Expected from now on.
+        self._peer.expect()
         self._send()
 
     def restart(self) -> None:
