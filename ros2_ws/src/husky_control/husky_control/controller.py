@@ -680,10 +680,18 @@ class Controller:
         if lost:
             self._move.start([np.stack((start, self._postures.crouch()))], [p["wair.crouch_time"]])
             return
-        low = self._postures.low(start)
+        low, tucked = self._postures.low(start), self._postures.low(start, TUCKED)
         self._move.start(
-            [self._postures.straight(start, low), np.stack((low, sit))],
-            [p["stand.duration"], self._gather_time(low, sit)],
+            [
+                self._postures.straight(start, low),
+                self._postures.straight(low, tucked),
+                np.stack((tucked, sit)),
+            ],
+            [
+                p["stand.duration"],
+                self._gather_time(low, tucked),
+                self._gather_time(tucked, sit),
+            ],
         )
 
     def _refresh_parameters(self) -> None:
