@@ -87,18 +87,28 @@ class InProcessRobot:
                 self.controller.set_velocity_command(*velocity)
             self.tick()
 
+    def enable(self) -> None:
+        """Enable the drives.
+
+        Raises:
+            RuntimeError: they refuse.
+        """
+        self.run(0.1)
+        refusal = self._master.enable()
+        self.run(0.2)
+        if refusal:
+            raise RuntimeError(f"the drives are not enabled: {refusal}")
+
     def stand(self) -> None:
         """Enable the drives and stand up.
 
         Raises:
             RuntimeError: it does not stand.
         """
-        self.run(0.1)
-        refusal = self._master.enable()
-        self.run(0.2)
+        self.enable()
         accepted, message = self.controller.request_mode("stand_up")
-        if refusal or not accepted:
-            raise RuntimeError(f"the robot does not stand up: {refusal or message}")
+        if not accepted:
+            raise RuntimeError(f"the robot does not stand up: {message}")
         self.run(5.0)
         if self.controller.mode.value != "stand":
             raise RuntimeError(f"the robot does not stand: {self.controller.reason}")
