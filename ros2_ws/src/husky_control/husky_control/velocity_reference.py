@@ -52,7 +52,13 @@ class VelocityReference:
         return bool(abs(r[0]) < 0.02 and abs(r[1]) < 0.02 and abs(r[2]) < 0.05)
 
     def tick(
-        self, yaw: float, position_x: float, position_y: float, most: float, dt: float
+        self,
+        yaw: float,
+        position_x: float,
+        position_y: float,
+        most: float,
+        acceleration: float,
+        dt: float,
     ) -> None:
         """Advance by dt s.
 
@@ -61,11 +67,13 @@ class VelocityReference:
             position_x: m, estimated position along the world's x, without sway.
             position_y: m, along y.
             most: m/s, of the velocity that the position error adds along each axis.
+            acceleration: m/s^2, of the ramp along each axis; the operator's limit holds besides.
             dt: s.
         """
         p, ramped = self.parameters, self.ramped
-        for i in range(3):
-            limit = p["command.yaw_acceleration" if i == 2 else "command.acceleration"] * dt
+        along = min(acceleration, p["command.acceleration"])
+        for i, most_change in enumerate((along, along, p["command.yaw_acceleration"])):
+            limit = most_change * dt
             ramped[i] += min(limit, max(-limit, self.command[i] - ramped[i]))
         vx, vy, yaw_rate = float(ramped[0]), float(ramped[1]), float(ramped[2])
         c, s = math.cos(yaw), math.sin(yaw)

@@ -197,9 +197,15 @@ class Walking:
         p, clock, sway = self.parameters, self.clock, self._sway
         yaw = yaw_of(rotation)
         px, py = float(position[0]), float(position[1])
-        static = clock.gait.static_margin > 0.0
-        most = CATCH_UP_SHARE * clock.gait.max_speed if static else math.inf
-        self.reference.tick(yaw, px - sway.offset[0], py - sway.offset[1], most, dt)
+        gait, most, acceleration = clock.gait, math.inf, math.inf
+        static = gait.static_margin > 0.0
+        if static:
+            most = CATCH_UP_SHARE * gait.max_speed
+            # Up to speed in one cycle: the body must not run ahead of feet that wait their turn.
+            acceleration = gait.max_speed / gait.period
+        self.reference.tick(
+            yaw, px - sway.offset[0], py - sway.offset[1], most, acceleration, dt
+        )
         hold = static and self._moving() and self._sway_body(px, py, foot_in_world, dt)
         # A hop once begun is finished: what counts is what was decided at its touchdown.
         lift = self._hop.end_speed > 0.0 if clock.gait.hop_speed > 0.0 else self._again(velocity)
