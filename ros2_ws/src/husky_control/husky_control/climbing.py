@@ -217,11 +217,10 @@ class Climbing:
         return load_slope(support, self.parameters["wair.most_load_slope"])
 
     def bend(self) -> Array:
-        """Return the rise per way, (4, 2), of each foot's own ground over the walked plane."""
-        normals = self.incline.pairs @ self.plane.T
-        slopes = -normals[:, :2] / np.maximum(normals[:, 2:], 0.3)
-        repeated: Array = np.repeat(slopes, 2, axis=0)
-        return repeated
+        """Return the rise per way, (4, 2), of the ground of each foot over the walked plane."""
+        normals = self.incline.normals @ self.plane.T
+        slopes: Array = -normals[:, :2] / np.maximum(normals[:, 2:], 0.3)
+        return slopes
 
     def _needed(self, normals: list[Array]) -> Array:
         """Thrust in world that the statics of the grounds under the feet ask for."""

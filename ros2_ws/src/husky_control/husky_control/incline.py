@@ -22,10 +22,10 @@ STEEPEST = math.radians(100.0)
 """A normal further from the vertical than this is an estimate that has gone wrong [rad]."""
 
 
-SHORTEST_STEP = 0.02
-"""Of a step that tells a slope [m]."""
-LEARNING = 0.25
-"""Weight of one step in the normal of a pair of feet [-]."""
+LANDINGS = 3
+"""Places of each foot that the bend of the ground is learnt from."""
+STRAIGHTNESS = 3e-4
+"""Belief that the ground is straight, in the sum of squares that the bend is fitted by [m^4]."""
 TOLERANCE = math.radians(5.0)
 """Noise of a pair's normal [rad]."""
 
@@ -173,26 +173,31 @@ def load_slope(support: Array, most: float) -> tuple[float, float]:
 
 
 class Incline:
-    """The measured ground under the feet: the plane of all four, and that of front and hind pair.
+    """The measured ground under the feet: the plane of all four, and how it bends along the way.
 
     Attributes:
         normal: (3,) unit vector in world, outward, behind a first-order filter.
-        pairs: (2, 3) unit vectors in world, of the ground that the front and the hind feet walk
-            on, from where they came down one after the other.
+        normals: (4, 3) unit vectors in world, of the ground where each foot came down last.
+        curvature: of the ground along the way, positive where it rises ever more [1/m].
     """
 
     def __init__(self) -> None:
         """Level."""
         self.normal = np.array([0.0, 0.0, 1.0])
-        self.pairs = np.tile(self.normal, (2, 1))
+        self.normals = np.tile(self.normal, (LEGS, 1))
+        self.curvature = 0.0
         self._contact = np.zeros((LEGS, 3))
-        self._landed = np.zeros((LEGS, 3))  # where each foot came down last
+        self._landings = np.zeros((LANDINGS, LEGS, 3))  # where each foot came down, newest first
 
     def reset(self, foot_in_world: Array) -> None:
         """Begin with all feet standing at foot_in_world (4, 3) m; the filter is settled."""
-        self._contact[:] = self._landed[:] = foot_in_world
+        self._contact[:] = self._landings[:] = foot_in_world
         self.normal[:] = self._spanned()
-        self.pairs[:] = self.normal
+        self.straighten()
+
+    def straighten(self) -> None:
+        """Forget the bend: the ground is the plane of the feet."""
+        self.normals[:], self.curvature = self.normal, 0.0
 
     def tick(
         self,
@@ -216,25 +221,29 @@ class Incline:
         self._contact[standing] = foot_in_world[standing]
         self.normal += (self._spanned() - self.normal) * (dt / (time_constant + dt))
         self.normal /= math.sqrt(float(self.normal @ self.normal))
-        for leg in range(LEGS):
-            if touchdown[leg]:
-                self._land(leg, foot_in_world[leg], left)
+        if touchdown.any():
+            landings = self._landings
+            landings[1:, touchdown] = landings[:-1, touchdown].copy()
+            landings[0, touchdown] = foot_in_world[touchdown]
+            self._fit(left)
 
-    def _land(self, leg: int, foot: Array, left: Array) -> None:
-        """Learn from one foot's step how the ground rises along it."""
-        step = foot - self._landed[leg]
-        size = math.sqrt(float(step @ step))
-        if size < SHORTEST_STEP:
-            return
-        self._landed[leg] = foot
-        normal = _cross(step / size, left)
-        normal /= max(1e-6, math.sqrt(float(normal @ normal)))
-        pair = self.pairs[leg // 2]
-        if float(normal @ self.normal) < 0.0:
-            normal = -normal
-        if float(normal @ self.normal) > 0.5:
-            pair += LEARNING * (normal - pair)
-            pair /= math.sqrt(float(pair @ pair))
+    def _fit(self, left: Array) -> None:
+        """Lay a parabola through the landings, as heights over the plane along the way."""
+        ahead = _cross(left, self.normal)
+        ahead /= max(1e-6, math.sqrt(float(ahead @ ahead)))
+        points = self._landings.reshape(-1, 3)
+        along, height = points @ ahead, points @ self.normal
+        middle = along.mean()
+        along -= middle
+        columns = np.column_stack((np.ones_like(along), along, along * along))
+        square = columns.T @ columns
+        square[2, 2] += STRAIGHTNESS
+        square[1, 1] += 1e-9
+        _, slope, bend = np.linalg.solve(square, columns.T @ height)
+        self.curvature = 2.0 * float(bend)
+        slopes = slope + self.curvature * (self._landings[0] @ ahead - middle)
+        normals = self.normal - slopes[:, None] * ahead
+        self.normals[:] = normals / np.linalg.norm(normals, axis=1, keepdims=True)
 
     @property
     def slope(self) -> float:
@@ -242,14 +251,13 @@ class Incline:
         return math.acos(min(1.0, max(-1.0, float(self.normal[2]))))
 
     def grounds(self) -> list[Array]:
-        """Return the normals, (3,) in world, that differ: of the plane, and where the ground bends.
+        """Return the normals, (3,) in world, of the plane, and of the ground of each pair of feet.
 
         Within `TOLERANCE` of the plane a pair's normal counts as the plane's.
         """
-        return [
-            self.normal,
-            *(turn_towards(pair, self.normal, TOLERANCE) for pair in self.pairs),
-        ]
+        pairs = self.normals.reshape(2, 2, 3).sum(axis=1)
+        pairs /= np.linalg.norm(pairs, axis=1, keepdims=True)
+        return [self.normal, *(turn_towards(pair, self.normal, TOLERANCE) for pair in pairs)]
 
     def _spanned(self) -> Array:
         try:

@@ -33,7 +33,7 @@ def climbing(mounting="vectoring", **parameters):
 def stay(c, degrees, duration, limit=math.inf, error=STILL):
     """Stand on a slope for a while; the thrust asked and given, and the slope walked on, of it."""
     history = []
-    c.incline.pairs[:] = plane_normal(degrees)
+    c.incline.normals[:] = plane_normal(degrees)
     for _ in range(round(duration / DT)):
         c.tick(feet_on(degrees), ALL, NONE, LEFT, error, limit, DT)
         given, asked = np.linalg.norm(c.given), np.linalg.norm(c.thrust)

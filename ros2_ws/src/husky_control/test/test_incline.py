@@ -154,18 +154,76 @@ def test_the_slope_follows_noisy_feet_within_a_degree():
     assert np.abs(np.array(slopes[500:]) - 20.0).max() < 1.0
 
 
-def test_a_pair_of_feet_learns_the_ground_it_steps_onto():
+RADIUS = 1.5
+"""Of ground that bends upward from the level [m]."""
+
+
+def on_arc(along):
+    """Point of the bending ground, and its slope [rad], a way along it [m]; flat before zero."""
+    angle = max(0.0, along) / RADIUS
+    point = (min(0.0, along) + RADIUS * math.sin(angle), 0.0, RADIUS * (1.0 - math.cos(angle)))
+    return np.array(point), angle
+
+
+def walk_on_arc(incline, start, end, step=0.1, noise=0.0):
+    """Trot by steps of each foot [m]; ways along the arc of the feet's last landings (4,)."""
+    rng = np.random.default_rng(0)
+    ways = np.array([start + 0.4, start + 0.4, start, start])
+    across = np.array([[0.0, y, 0.0] for y in FEET[:, 1]])
+    feet = np.array([on_arc(way)[0] for way in ways]) + across
+    incline.reset(feet)
+    pair = 0
+    while (end - ways[3]) * step > 0.0:
+        legs = [(0, 3), (1, 2)][pair]
+        for leg in legs:
+            ways[leg] += step
+            feet[leg] = on_arc(ways[leg])[0] + across[leg] + rng.normal(0.0, noise, 3)
+        touchdown = np.isin(np.arange(4), legs)
+        for tick in range(85):
+            landing = touchdown if tick == 0 else np.zeros(4, dtype=bool)
+            incline.tick(feet, np.ones(4, dtype=bool), landing, LEFT, 0.15, 0.002)
+        pair = 1 - pair
+    return ways, feet
+
+
+@pytest.mark.parametrize(("start", "end"), [(0.0, 0.6), (1.0, 0.3)])
+def test_the_bend_of_the_ground_is_learnt_up_and_down(start, end):
     incline = Incline()
-    incline.reset(FEET)
-    standing, front = np.ones(4, dtype=bool), np.array([True, True, False, False])
-    feet = FEET.copy()
-    for _ in range(20):
-        feet[:2] += 0.05 * np.array([math.cos(0.5), 0.0, math.sin(0.5)])
-        incline.tick(feet, standing, front, LEFT, 0.15, 0.002)
-    np.testing.assert_allclose(incline.pairs[0], normal_of(math.degrees(0.5)), atol=0.01)
-    assert incline.pairs[1][2] > incline.normal[2] > incline.pairs[0][2]
-    # What is within the tolerance of the plane is the plane.
-    np.testing.assert_array_equal(incline.grounds()[0], incline.normal)
+    step = math.copysign(0.1, end - start)
+    ways, _ = walk_on_arc(incline, start, end, step)
+    assert incline.curvature == pytest.approx(1.0 / RADIUS, rel=0.15)
+    for way, normal in zip(ways, incline.normals, strict=True):
+        np.testing.assert_allclose(normal, normal_of(math.degrees(on_arc(way)[1])), atol=0.025)
+
+
+@pytest.mark.parametrize(("start", "end"), [(0.0, 0.6), (1.0, 0.3)])
+def test_the_next_landing_is_foretold_to_three_millimetres(start, end):
+    incline = Incline()
+    step = math.copysign(0.1, end - start)
+    ways, feet = walk_on_arc(incline, start, end, step)
+    for leg in range(4):
+        next_place = on_arc(ways[leg] + step)[0] - feet[leg] + [0.0, FEET[leg, 1], 0.0]
+        normal = incline.normals[leg]
+        ahead = np.cross(LEFT, normal)
+        along = float(next_place @ ahead)
+        foretold = 0.5 * incline.curvature * along * along
+        assert foretold == pytest.approx(float(next_place @ normal), abs=0.003)
+
+
+def test_noise_of_the_feet_bends_no_plane():
+    incline = Incline()
+    walk_on_arc(incline, -3.0, -0.5, noise=0.003)
+    assert abs(incline.curvature) < 0.5 / RADIUS
+    for ground in incline.grounds():
+        # What is within the tolerance of the plane is the plane.
+        np.testing.assert_array_equal(ground, incline.normal)
+
+
+def test_ground_that_bends_has_three_normals():
+    incline = Incline()
+    walk_on_arc(incline, 0.0, 0.6)
+    plane, front, hind = incline.grounds()
+    assert hind[2] > plane[2] > front[2]
 
 
 def test_turning_towards_a_vector_stops_there():

@@ -109,7 +109,7 @@ def test_the_climb_follows_the_plan_on_its_slope():
         if plan is not None:
             climbing.take(plan)
         climbing.begin(feet)
-        climbing.incline.pairs[:] = normal
+        climbing.incline.normals[:] = normal
         for _ in range(2000):
             climbing.tick(
                 feet, np.ones(4, bool), np.zeros(4, bool), np.array([0.0, 1.0, 0.0]),
