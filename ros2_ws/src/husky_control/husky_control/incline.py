@@ -25,7 +25,7 @@ STEEPEST = math.radians(100.0)
 LANDINGS = 3
 """Places of each foot that the bend of the ground is learnt from."""
 STRAIGHTNESS = 3e-4
-"""Belief that the ground is straight, in the sum of squares that the bend is fitted by [m^4]."""
+"""Belief that the ground is straight, in the sum of squares that the bend is fitted to [m^4]."""
 TOLERANCE = math.radians(5.0)
 """Noise of a pair's normal [rad]."""
 
@@ -178,14 +178,12 @@ class Incline:
     Attributes:
         normal: (3,) unit vector in world, outward, behind a first-order filter.
         normals: (4, 3) unit vectors in world, of the ground where each foot came down last.
-        curvature: of the ground along the way, positive where it rises ever more [1/m].
     """
 
     def __init__(self) -> None:
         """Level."""
         self.normal = np.array([0.0, 0.0, 1.0])
         self.normals = np.tile(self.normal, (LEGS, 1))
-        self.curvature = 0.0
         self._contact = np.zeros((LEGS, 3))
         self._landings = np.zeros((LANDINGS, LEGS, 3))  # where each foot came down, newest first
 
@@ -193,11 +191,7 @@ class Incline:
         """Begin with all feet standing at foot_in_world (4, 3) m; the filter is settled."""
         self._contact[:] = self._landings[:] = foot_in_world
         self.normal[:] = self._spanned()
-        self.straighten()
-
-    def straighten(self) -> None:
-        """Forget the bend: the ground is the plane of the feet."""
-        self.normals[:], self.curvature = self.normal, 0.0
+        self.normals[:] = self.normal
 
     def tick(
         self,
@@ -240,8 +234,7 @@ class Incline:
         square[2, 2] += STRAIGHTNESS
         square[1, 1] += 1e-9
         _, slope, bend = np.linalg.solve(square, columns.T @ height)
-        self.curvature = 2.0 * float(bend)
-        slopes = slope + self.curvature * (self._landings[0] @ ahead - middle)
+        slopes = slope + 2.0 * bend * (self._landings[0] @ ahead - middle)
         normals = self.normal - slopes[:, None] * ahead
         self.normals[:] = normals / np.linalg.norm(normals, axis=1, keepdims=True)
 

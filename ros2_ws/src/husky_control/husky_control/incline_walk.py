@@ -95,7 +95,7 @@ class InclineWalk:
         walking.gravity[:] = climbing.gravity
         walking.thrust[:] = climbing.given_in_plane
         walking.pitch, walking.sink = climbing.pitch, climbing.sink
-        walking.bend, walking.curvature = climbing.bend(), climbing.incline.curvature
+        walking.bend = climbing.bend()
         walking.load_slope = climbing.load_slope()
         walking.shift[:] = climbing.shift(walking.height)
         self._rest = 0.0 if walking.reference.command.any() else self._rest + dt
@@ -134,5 +134,5 @@ class InclineWalk:
         walking.thrust.fill(0.0)
         walking.shift.fill(0.0)
         walking.load_slope = (0.0, 0.0)
-        walking.bend, walking.curvature = None, 0.0
+        walking.bend = None
         walking.pitch = walking.sink = 0.0

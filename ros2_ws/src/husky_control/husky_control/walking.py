@@ -61,7 +61,6 @@ class Walking:
         self.load_slope = (0.0, 0.0)  # tangential over normal load of the feet, along x and y
         self.sink = 0.0  # m, lower than the gait says
         self.bend: Array | None = None  # (4, 2) -, rise per way where each foot stood, if it bends
-        self.curvature = 0.0  # 1/m, of the ground along the heading
         self.pitch = 0.0  # rad, desired, relative to the ground
         self.stand_height = float(robot.stand_height)
         self.foot_radius = float(robot.foot_radius)
@@ -423,9 +422,8 @@ class Walking:
         if self.bend is not None:
             for leg in range(LEGS):
                 way = self.foothold[leg] - self._start_place[leg]
-                along = float(self.body_rotation[:2, 0] @ way)
-                rise = float(self.bend[leg] @ way) + 0.5 * self.curvature * along * along
-                rise += self._start_height[leg] - self._ground
+                # Ground that bends upward comes a little early: better than late.
+                rise = self._start_height[leg] - self._ground + float(self.bend[leg] @ way)
                 self._grounds[leg] += min(MOST_RISE, max(-MOST_RISE, rise))
         return self._grounds
 
