@@ -39,6 +39,8 @@ GATE = 3.0
 """The body leans while the thrust given is no more than this below what the lean needs [N]."""
 LEAN_FROM, LEAN_WHOLE = math.radians(6.0), math.radians(15.0)
 """Slopes at which a body with fixed fans begins to lean ahead, and leans as far as it shall."""
+LEANING = 0.05
+"""Shift of the feet by which the legs' part in the centre of mass is found [m]."""
 REST_THRUST = 1e-3
 """Thrust that counts as none [N]."""
 LEVEL = math.radians(8.0)
@@ -66,7 +68,8 @@ class Climbing:
         """Level, fans off."""
         self.parameters = parameters
         self.mass = float(robot.mass)
-        center = Kinematics(robot).center_of_mass(robot.stand_joint_position)
+        center, self._leg_share = _balance(robot)
+        self._foot_radius = robot.foot_radius
         self._center: tuple[float, ...] = tuple(center.tolist())  # m, of mass, in base
         self.vectoring = robot.fans.mounting == "vectoring"
         self.pitch = 0.0
@@ -112,12 +115,15 @@ class Climbing:
         and what a plan adds.
 
         Args:
-            height: of the body over the feet [m].
+            height: of the body over the centres of the feet [m].
         """
         x, y = self.load_slope()
-        x, y = -height * x, -height * y
         ahead, _, above = self._center
-        x += ahead * math.cos(self.pitch) + above * math.sin(self.pitch)
+        s, c = math.sin(self.pitch), math.cos(self.pitch)
+        lever = height + self._foot_radius + above * c - ahead * s
+        x, y = -lever * x + ahead * c + above * s, -lever * y
+        # The legs lean with their feet and take the centre of mass along.
+        x, y = x / (1.0 - self._leg_share), y / (1.0 - self._leg_share)
         reference = self.reference
         if reference is not None:
             further = reference.weight(self.slope) * reference.shift_extra
@@ -299,3 +305,16 @@ class Climbing:
         self.turn = plane @ self.plane.T
         self.normal[:] = ahead
         self.plane = plane
+
+
+def _balance(robot: Robot) -> tuple[Array, float]:
+    """Return the standing robot's centre of mass in base, and how far it goes with the feet.
+
+    Returns:
+        Centre of mass [m] (3,), and its way per way of all feet along x [-].
+    """
+    kinematics = Kinematics(robot)
+    feet = kinematics.foot_positions(robot.stand_joint_position)
+    center = kinematics.center_of_mass(robot.stand_joint_position)
+    leaning = kinematics.joint_positions(feet + (LEANING, 0.0, 0.0))
+    return center, float((kinematics.center_of_mass(leaning) - center)[0]) / LEANING

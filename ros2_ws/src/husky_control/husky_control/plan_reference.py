@@ -70,9 +70,8 @@ def reference_of(plan: Plan, mass: float, thrust_mode: str, ratio: float) -> Pla
         raise ValueError(f"the plan's mass is {plan.mass:g} kg, the robot's {mass:g} kg")
     thrust = plan.thrust.mean(axis=0)
     gravity = GRAVITY * np.array([-math.sin(plan.slope), 0.0, -math.cos(plan.slope)])
-    base = plan.position - plan.rotation @ plan.center_of_mass
     support = -plan.mass * gravity - thrust
-    height = float(base[:, 2].mean())
+    height = float(plan.position[:, 2].mean())
     shift = _feet_ahead(plan) + height * load_slope(support, 1.0)[0]
     extra = np.zeros(2)
     if thrust_mode == "vector":

@@ -2,16 +2,19 @@
 
 import math
 
+import mujoco
 import numpy as np
 import pytest
 
 from husky_control.climbing import GATE, Climbing
 from husky_control.incline import plane_from_world
+from husky_control.kinematics import Kinematics
 from husky_control.parameters import Parameters
-from husky_description.mujoco_model import composite_inertia
+from husky_description.mujoco_model import build_spec
 from husky_description.robot import load_robot
 
 DT = 0.002
+ROBOT = load_robot()
 LEFT = np.array([0.0, 1.0, 0.0])
 FEET = np.array([[0.2, 0.14, 0.0], [0.2, -0.14, 0.0], [-0.2, 0.14, 0.0], [-0.2, -0.14, 0.0]])
 ALL, NONE = np.ones(4, dtype=bool), np.zeros(4, dtype=bool)
@@ -87,20 +90,41 @@ def test_feedback_pushes_along_the_slope_only_and_is_limited():
     assert abs(change[2]) < 0.05
 
 
+def center_over_feet(degrees_of_pitch, shift, height):
+    """Centre of mass of the robot from the middle of its feet, (x, y, z) m in plane, by MuJoCo.
+
+    Its body is pitched, its feet stand in the plane, shifted from under it.
+    """
+    kinematics = Kinematics(ROBOT)
+    feet = kinematics.foot_positions(ROBOT.stand_joint_position)
+    feet += (shift, 0.0, 0.0)
+    feet[:, 2] = -height
+    s, c = math.sin(math.radians(degrees_of_pitch)), math.cos(math.radians(degrees_of_pitch))
+    turn = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+    model = build_spec(ROBOT).compile()
+    data = mujoco.MjData(model)
+    data.qpos[7:19] = kinematics.joint_positions(feet @ turn)
+    mujoco.mj_forward(model, data)
+    base = model.body("base").id
+    return turn @ (data.subtree_com[base] - data.xpos[base]) - (shift, 0.0, -height)
+
+
 def test_the_load_passes_through_the_centre_of_mass():
     c = climbing()
-    (ahead, _, above), _ = composite_inertia(load_robot())
     stay(c, 45.0, 5.0)
     x, y = c.load_slope()
     assert x == pytest.approx(c.parameters["wair.load_slope"], abs=0.01)
-    assert c.shift(0.5) == pytest.approx((-0.5 * x + ahead, 0.0), abs=1e-3)
     assert y == pytest.approx(0.0, abs=1e-6)
-    fixed = climbing("fixed")
-    stay(fixed, 30.0, 5.0)
-    lean = math.atan2(above, ahead) - fixed.pitch
-    under = math.hypot(ahead, above) * math.cos(lean)
-    assert fixed.pitch > math.radians(30.0) and under < ahead
-    assert fixed.shift(0.5)[0] == pytest.approx(-0.5 * fixed.load_slope()[0] + under, abs=1e-6)
+    ahead, _, above = center_over_feet(0.0, c.shift(0.5)[0], 0.5)
+    assert ahead == pytest.approx(x * (above + ROBOT.foot_radius), abs=0.002)
+
+
+def test_the_load_of_a_pitched_body_passes_near_its_centre_of_mass():
+    c = climbing("fixed")
+    stay(c, 30.0, 5.0)
+    assert c.pitch > math.radians(30.0)
+    ahead, _, above = center_over_feet(math.degrees(c.pitch), c.shift(0.43)[0], 0.43)
+    assert ahead == pytest.approx(c.load_slope()[0] * (above + ROBOT.foot_radius), abs=0.01)
 
 
 def test_steep_ground_presses_the_feet():
