@@ -17,7 +17,7 @@ from husky_control.incline_walk import InclineWalk
 from husky_control.kinematics import JOINTS, LEGS, Kinematics, forward_kinematics
 from husky_control.modes import ACTIVE, Event, Mode, ModeMachine, Transition
 from husky_control.parameters import Parameters
-from husky_control.posture import TUCKED, PostureMove, Postures
+from husky_control.posture import PostureMove, Postures
 from husky_control.rotation import matrix_from_quaternion, tilt_of, yaw_of
 from husky_control.safety import Safety, all_finite, limit_command
 from husky_control.stance import distribute_weight, lean_forces
@@ -659,40 +659,19 @@ class Controller:
 
     def _rise(self, start: Array) -> None:
         """Stand up: the feet go to their places while the body lies, and lift it straight up."""
-        stand = self._stand_posture()
-        tucked, low = self._postures.low(stand, TUCKED), self._postures.low(stand)
-        self._move.start(
-            [
-                np.stack((start, tucked)),
-                self._postures.straight(tucked, low),
-                self._postures.straight(low, stand),
-            ],
-            [
-                self._gather_time(start, tucked),
-                self._gather_time(tucked, low),
-                self.parameters["stand.duration"],
-            ],
-        )
+        *before, up = self._postures.ways_up(start, self._stand_posture())
+        durations = [self._gather_time(way[0], way[-1]) for way in before]
+        self._move.start([*before, up], [*durations, self.parameters["stand.duration"]])
 
     def _descend(self, start: Array, *, lost: bool) -> None:
         """Sit down onto the perch between the feet, then gather them; or crouch, wide and soon."""
-        p, sit = self.parameters, self.robot.sit_joint_position
+        p = self.parameters
         if lost:
             self._move.start([np.stack((start, self._postures.crouch()))], [p["wair.crouch_time"]])
             return
-        low, tucked = self._postures.low(start), self._postures.low(start, TUCKED)
-        self._move.start(
-            [
-                self._postures.straight(start, low),
-                self._postures.straight(low, tucked),
-                np.stack((tucked, sit)),
-            ],
-            [
-                p["stand.duration"],
-                self._gather_time(low, tucked),
-                self._gather_time(tucked, sit),
-            ],
-        )
+        down, *after = self._postures.ways_down(start)
+        durations = [self._gather_time(way[0], way[-1]) for way in after]
+        self._move.start([down, *after], [p["stand.duration"], *durations])
 
     def _refresh_parameters(self) -> None:
         """Take over live parameters that the kernels get as tuples."""

@@ -28,7 +28,8 @@ class Postures:
         self._kinematics = Kinematics(robot)
         self._side = np.sign(robot.lateral_offset)
         self._sit_height = robot.sit_height
-        self._sit_feet = self._kinematics.foot_positions(robot.sit_joint_position)
+        self._sit = np.array(robot.sit_joint_position)
+        self._sit_feet = self._kinematics.foot_positions(self._sit)
         self._stand_feet = self._kinematics.foot_positions(robot.stand_joint_position)
 
     def stand(self, lateral_spread: float, height_offset: float) -> Array:
@@ -44,6 +45,9 @@ class Postures:
         Args:
             posture: whose feet keep their places.
             clearance: m, of the feet above the ground.
+
+        Raises:
+            ValueError: a foot is out of reach then.
         """
         feet = self._kinematics.foot_positions(posture)
         feet[:, 2] = clearance - self._sit_height
@@ -56,8 +60,34 @@ class Postures:
         feet[:, 1] = self._side * CROUCH_FEET[1]
         return self._kinematics.joint_positions(feet)
 
+    def ways_up(self, start: Array, stand: Array) -> list[Array]:
+        """Ways from a posture to a standing one: the feet to their places, down, the body up.
+
+        Args:
+            start: (12,) rad, of a body that lies.
+            stand: (12,) rad.
+        """
+        tucked, low = self.low(stand, TUCKED), self.low(stand)
+        return [np.stack((start, tucked)), self.straight(tucked, low), self.straight(low, stand)]
+
+    def ways_down(self, start: Array) -> list[Array]:
+        """Ways from a posture (12,) rad to the sitting one: the body down, the feet up, gathered.
+
+        Where legs are so far out that the body cannot sink between the feet, one way alone.
+        """
+        try:
+            low, tucked = self.low(start), self.low(start, TUCKED)
+            ways = [self.straight(start, low), self.straight(low, tucked)]
+        except ValueError:
+            return [np.stack((start, self._sit))]
+        return [*ways, np.stack((tucked, self._sit))]
+
     def straight(self, start: Array, end: Array) -> Array:
-        """Postures (KNOTS, 12) rad between two on which each foot goes straight in base."""
+        """Postures (KNOTS, 12) rad between two on which each foot goes straight in base.
+
+        Raises:
+            ValueError: a foot is out of reach on its way.
+        """
         kinematics = self._kinematics
         first, last = kinematics.foot_positions(start), kinematics.foot_positions(end)
         part = np.linspace(0.0, 1.0, KNOTS)

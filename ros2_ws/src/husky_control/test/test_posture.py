@@ -136,6 +136,22 @@ def test_a_straight_way_begins_and_ends_as_told_even_where_knees_bend_the_other_
     assert np.abs(np.diff(way, axis=0)).max() < 0.6
 
 
+@settings(deadline=None)
+@given(st.lists(st.floats(0.0, 1.0), min_size=12, max_size=12))
+def test_there_is_a_way_down_from_any_posture(shares):
+    start = ROBOT.joint_lower + np.array(shares) * (ROBOT.joint_upper - ROBOT.joint_lower)
+    ways = Postures(ROBOT).ways_down(start)
+    np.testing.assert_allclose(ways[0][0], start, atol=1e-12)
+    np.testing.assert_allclose(ways[-1][-1], ROBOT.sit_joint_position, atol=1e-9)
+    for way, following in pairwise(ways):
+        np.testing.assert_allclose(way[-1], following[0], atol=1e-9)
+
+
+def test_legs_stretched_out_to_the_side_are_gathered_at_once():
+    start = np.array([1.4, 0.0, 0.0, -1.4, 0.0, 0.0] * 2) * np.sign(ROBOT.lateral_offset[0])
+    assert len(Postures(ROBOT).ways_down(start)) == 1
+
+
 def test_crouching_feet_stand_wider_than_sitting_ones():
     postures = Postures(ROBOT)
     feet, sit = FEET(postures.crouch()), FEET(ROBOT.sit_joint_position)
