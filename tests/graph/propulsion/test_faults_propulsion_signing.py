@@ -28,7 +28,11 @@ def test_wrong_signing_key(new_graph, stranger, tmp_path, record_property):
         s.advance(2.0)
         robot.reported(graph.PIXHAWK_BRIDGE, "not signed with our key")
         assert s.propulsion is None or not s.propulsion.connected
-        assert robot.told(graph.FLIGHT_CONTROLLER, "frames_badly_signed") > 0
+        # It may have come up late, by the world's clock: its heartbeats come once a second.
+        robot.until(
+            lambda: robot.told(graph.FLIGHT_CONTROLLER, "frames_badly_signed") > 0,
+            "heartbeats that are badly signed", within=3.0, step=0.5,
+        )  # fmt: skip
 
         s.kill(graph.PIXHAWK_BRIDGE)
         key.write_text(KEY.hex())
