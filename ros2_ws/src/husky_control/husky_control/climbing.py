@@ -111,8 +111,8 @@ class Climbing:
     def shift(self, height: float) -> tuple[float, float]:
         """Return where the feet stand relative to under the body, (x, y) m in plane.
 
-        The load passes through the centre of mass: -height times the load's slope from under it,
-        and what a plan adds.
+        The load passes through the centre of mass: the feet stand its height over the ground times
+        the load's slope down from under it, and what a plan adds.
 
         Args:
             height: of the body over the centres of the feet [m].

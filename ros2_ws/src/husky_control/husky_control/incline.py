@@ -232,7 +232,7 @@ class Incline:
         columns = np.column_stack((np.ones_like(along), along, along * along))
         square = columns.T @ columns
         square[2, 2] += STRAIGHTNESS
-        square[1, 1] += 1e-9
+        square[1, 1] += 1e-9  # m^2: feet all side by side tell no slope
         _, slope, bend = np.linalg.solve(square, columns.T @ height)
         slopes = slope + 2.0 * bend * (self._landings[0] @ ahead - middle)
         normals = self.normal - slopes[:, None] * ahead

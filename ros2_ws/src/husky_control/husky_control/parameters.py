@@ -81,7 +81,7 @@ _GAINS: dict[str, Parameter] = {
     "stand.height_offset": _P(0.0, -0.15, 0.06, "m", "Added to the robot's own standing height"),
     "stand.lateral_spread": _P(0.04, 0.0, 0.15, "m", "Feet outside of the hips after standing up"),
     "stand.duration": _P(2.0, 0.5, 10.0, "s", "Duration of standing up and of sitting down"),
-    "stand.joint_speed": _P(1.0, 0.1, 5.0, "rad/s", "Speed at which joints gather into the sitting posture"),
+    "stand.joint_speed": _P(1.0, 0.1, 5.0, "rad/s", "Speed of the joints while the body lies and the feet go to their places"),
     "safety.max_tilt": _P(0.8, 0.1, 1.5, "rad", "Tilt of the body beyond which it is falling"),
     "safety.joint_margin": _P(0.15, 0.0, 0.5, "rad", "How far a joint may be beyond its range"),
     "safety.torque_share": _P(0.98, 0.1, 1.5, "-", "Share of the torque limit that counts as overload"),

@@ -31,6 +31,7 @@ _STOPPING, _STANDING = 2.0, 3.0
 _SHARE = {"vector": 0.32 / 0.7, "body_z": 0.25 / 0.7}
 """Of the ground's friction, which the feet are to use in each thrust mode [-]."""
 _ROUGH = 0.7
+"""Friction from which on more of it is not used [-]."""
 _BEFORE_FAULT, _AFTER_FAULT = 3.0, 8.0
 """Time on the slope before something is lost, and to see how it ends [s]."""
 _TUMBLE = 75.0
