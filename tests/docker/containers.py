@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import signal
 import subprocess
@@ -81,7 +82,7 @@ class Containers:
         self.engine = engine
         self._project = project
         self._environment = {**engine.environment, **environment}
-        self._started: set[str] = set()
+        self._started: dict[str, int] = {}  # with the time [ns]
         self._events: subprocess.Popen[bytes] | None = None
         self._heard = b""
 
@@ -103,7 +104,7 @@ class Containers:
     def signal_node(self, name: str, executable: str, number: str) -> None:
         """Send a signal to the node in a container: not to its process 1."""
         pattern = f"lib/{executable[:-1]}[{executable[-1]}]"  # which is not in our own command line
-        self._started.discard(name)
+        self._started.pop(name, None)
         script = (
             f"for p in /proc/[0-9]*; do if grep -qs '{pattern}' $p/cmdline; "
             f"then kill -{number} ${{p#/proc/}}; fi; done"
@@ -123,28 +124,31 @@ class Containers:
     # As a session needs them ------------------------------------------------------------------
     def start(self, spec: NodeSpec) -> object:
         """Start the container of a node again."""
+        self._started[spec.name] = time.time_ns()
         self.engine.run("start", self.container(spec.name))
-        self._started.add(spec.name)
         return None
 
     def start_all(self, specs: Sequence[NodeSpec]) -> None:
         """Create and start the containers, in the order of compose.yaml."""
         names = [spec.name for spec in specs]
+        self._started.update(dict.fromkeys(names, time.time_ns()))
         self.compose("up", "--no-build", "--detach", *names)
-        self._started.update(names)
 
     def ended(self) -> dict[str, int]:
-        """Return the exit codes of containers that have ended by themselves, and forget them."""
+        """Return the exit codes of containers that have ended by themselves, and forget them.
+
+        Also of one that the restart policy has started again since.
+        """
         codes = {}
         for line in self._deaths():
-            name, code = line.split()
-            if name in self._started and not self.state(name)["Running"]:
+            name, code, when = line.split()
+            if int(when) > self._started.get(name, math.inf):
                 codes[name] = int(code)
-                self._started.discard(name)
+                del self._started[name]
         return codes
 
     def _deaths(self) -> list[str]:
-        """Return what the engine has told since the last call: service and exit code."""
+        """Return what the engine has told since the last call: service, exit code, time [ns]."""
         if self._events is None:
             attributes = ".Actor.Attributes"
             self._events = subprocess.Popen(
@@ -154,7 +158,7 @@ class Containers:
                     "--filter=event=die",
                     f"--filter=label=com.docker.compose.project={self._project}",
                     f'--format={{{{index {attributes} "com.docker.compose.service"}}}} '
-                    f"{{{{{attributes}.exitCode}}}}",
+                    f"{{{{{attributes}.exitCode}}}} {{{{.TimeNano}}}}",
                 ],
                 env={**os.environ, **self._environment},
                 stdout=subprocess.PIPE,
@@ -169,7 +173,7 @@ class Containers:
 
     def kill(self, name: str, number: int = signal.SIGKILL) -> None:
         """Send a signal to a container."""
-        self._started.discard(name)
+        self._started.pop(name, None)
         self.engine.run("kill", "--signal", str(int(number)), self.container(name))
 
     def reap(self, name: str) -> int:
@@ -182,7 +186,7 @@ class Containers:
 
     def stop(self, name: str) -> tuple[int, float]:
         """`docker stop`; return the exit code and how long it took by the engine's clock [s]."""
-        self._started.discard(name)
+        self._started.pop(name, None)
         begun = time.time()
         self.engine.run("stop", "--time", "10", self.container(name))
         finished = run(

@@ -7,9 +7,10 @@ k only when the newest IMU sample due by k has arrived. Nobody waits for a time,
 does not depend on how fast anything ran.
 
 A peer that stays silent for the grace period (wall time) is declared lost: ticks go on without it,
-so that watchdogs act. It is expected again as soon as it answers. Determinism ends at a loss, and
-`losses` says so. At the start a peer gets a longer grace, because processes come up in any order;
-one whose first words cannot be repeated (the IMU's samples) is awaited only once it has been heard.
+so that watchdogs act. Every tick still asks it, and a world that stands still does now and then:
+it is expected again as soon as it answers. Determinism ends at a loss, and `losses` says so. At the
+start a peer gets a longer grace, because processes come up in any order; one whose first words
+cannot be repeated (the IMU's samples) is awaited only once it has been heard.
 
 Messages are best effort. The plant says its last word again when it has waited for a moment, and
 the bridge hands that on. Whoever hears a word twice says its own last word again: the answer, if
@@ -81,6 +82,10 @@ class Peer:
         self.presence = Presence.EXPECTED
         self._patience = self.grace
         self._waiting_since = None
+
+    def owes(self, stamp: int) -> bool:
+        """Return whether it takes part, or took part, and has not answered for `stamp` [ns]."""
+        return self.presence is not Presence.ABSENT and self.answered < stamp
 
     def ready(self, stamp: int) -> bool:
         """Return whether a tick that needs the answer for `stamp` [ns] or later may go on."""

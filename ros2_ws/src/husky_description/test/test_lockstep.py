@@ -29,6 +29,18 @@ def test_lost_after_the_grace_period_and_back_with_its_next_word():
     assert not peer.ready(5 * TICK), "it is awaited again, as soon as it speaks"
 
 
+def test_one_that_is_lost_still_owes_its_answer():
+    """So a world that stands still goes on asking it, and finds it before the next tick."""
+    peer = Peer("bridge", grace=1.0)
+    assert peer.owes(0)
+    peer.answer(0)
+    assert not peer.owes(0) and peer.owes(TICK)
+    peer.expire(10.0)
+    peer.expire(11.1)
+    assert peer.presence is Presence.LOST and peer.owes(TICK)
+    assert not Peer("imu", start_grace=None).owes(0), "nobody has asked it"
+
+
 def test_a_sign_of_life_starts_the_grace_period_again():
     peer = Peer("controller", grace=1.0)
     peer.answer(TICK)

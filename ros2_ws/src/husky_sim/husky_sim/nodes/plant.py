@@ -176,14 +176,14 @@ class Plant(Node):
         self._imu.service()
         if not self._lockstep:
             return
-        if self._started and not self._bridge.ready(self._world.time_ns):
+        if self._started and self._bridge.owes(self._world.time_ns):
             now = time.monotonic()
             if now - self._sent_at > _RESEND_PERIOD:
                 self._send_state()
             self._await_bridge(now)
         if self._wires is not None:
             self._wires.serve()
-            if self._started and not self._wires.ready():
+            if self._started:
                 self._wires.await_answer(time.monotonic())
         self._advance()
         if self._started and not self._running():

@@ -92,6 +92,8 @@ class PropulsionWires:
 
     def await_answer(self, now: float) -> None:
         """Say the sensors again when they may have been lost; give a silent peer up."""
+        if not self.flight_controller.owes(self._world.time_ns):
+            return
         if now - self._sent_at > _RESEND_PERIOD:
             self._send()
         if self.flight_controller.expire(now):
