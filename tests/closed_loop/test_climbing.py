@@ -6,8 +6,13 @@ import numpy as np
 import pytest
 from climbing_robot import ClimbingRobot
 
+from husky_control.collocation.planner import Planner
+from husky_control.collocation.request import machine_of
+
 SPEED = 0.25
 """Commanded in these tests [m/s]."""
+HIGH = 0.02
+"""Above the ground, where a foot cannot have come down [m]."""
 
 
 def forces_on(robot, duration, speed):
@@ -97,3 +102,27 @@ def test_fans_lost_on_the_slope_end_in_a_crouch_not_in_a_tumble(on_slope):
 def test_bad_commands_are_refused_with_the_range(on_slope, command):
     accepted, message = on_slope.controller.set_velocity_command(*command)
     assert not accepted and "must be within +-" in message
+
+
+def test_with_a_fan_lost_it_walks_down_around_the_foot_of_the_slope_to_the_flat():
+    """With plans, as the graph has them, on the way that asks most of the contact detection."""
+    robot = ClimbingRobot(45.0, seed=3, blend=1.5)
+    robot.planner = Planner(machine_of(robot.controller.robot))
+    robot.start()
+    robot.run(9.0, (SPEED, 0.0, 0.0))
+    assert math.degrees(robot.controller.climbing.slope) == pytest.approx(45.0, abs=1.0)
+    assert robot.controller.climbing.reference is not None, "no plan is followed"
+    robot.limit = 38.0
+    felt = high = 0
+    for _ in range(6000):
+        if robot.world.base_position[0] < 0.0:
+            break
+        before = robot.controller.contact.copy()
+        robot.run(0.002, (-SPEED, 0.0, 0.0))
+        in_air = robot.clearance() > HIGH
+        high += int(in_air.sum())
+        felt += int((in_air & robot.controller.contact & ~before).sum())
+    assert robot.controller.mode.value == "wair", robot.controller.reason
+    assert robot.world.base_position[0] < 0.0
+    # A leg that jerks feels a ground that is not there.
+    assert high > 2000 and felt == 0

@@ -43,6 +43,7 @@ CATCH_UP_SHARE = 0.3  # of its greatest speed, at which a static gait makes up f
 RANGE_MARGIN = 0.03  # rad, that joint targets keep from the ends of their ranges
 MOST_SHARE = 0.7  # of the weight that one foot carries, also when it lands before its partner
 MOST_RISE = 0.10  # m, of a foot's own ground over the feet's plane
+GROUND_RATE = 0.35  # m/s, at which the expected height of the ground changes within a step
 READY_SHARE = 0.7  # of the gait's static margin, at which a leg of the crawl may lift
 
 
@@ -95,6 +96,7 @@ class Walking:
         self._start_height = np.zeros(LEGS)
         self._start_place = np.zeros((LEGS, 2))
         self._grounds = np.zeros(LEGS)
+        self._rise = np.zeros(LEGS)  # m, of the expected ground over where the foot stood
         self._remaining = np.zeros(LEGS)
         self._place = np.zeros(LEGS, dtype=np.bool_)
         self._velocity_at_event = np.zeros(2)
@@ -411,20 +413,30 @@ class Walking:
         self._place.fill(False)
         swing_feet(
             clock.swinging, clock.swing_progress, clock.swing_time, self.foothold,
-            self._expected_grounds(), gait.swing_height, p["walk.search_speed"],
+            self._expected_grounds(dt), gait.swing_height, p["walk.search_speed"],
             p["walk.search_depth"], self._start_height, dt,
             self._swing_position, self._swing_velocity,
         )
 
-    def _expected_grounds(self) -> Array:
-        """Heights (4,) m at the footholds: of the feet's plane, or as a foot's ground goes on."""
-        self._grounds.fill(self._ground)
-        if self.bend is not None:
-            for leg in range(LEGS):
+    def _expected_grounds(self, dt: float) -> Array:
+        """Heights (4,) m at the footholds: of the feet's plane, or as a foot's ground goes on.
+
+        Within a step they change smoothly, though other feet land and footholds are placed anew: a
+        leg that jerks feels a touchdown that is none.
+        """
+        most = GROUND_RATE * dt
+        for leg in range(LEGS):
+            start = self._start_height[leg]
+            rise = self._ground - start
+            if self.bend is not None:
                 way = self.foothold[leg] - self._start_place[leg]
                 # Ground that bends upward comes a little early: better than late.
-                rise = self._start_height[leg] - self._ground + float(self.bend[leg] @ way)
-                self._grounds[leg] += min(MOST_RISE, max(-MOST_RISE, rise))
+                bent = float(self.bend[leg] @ way) - rise
+                rise += min(MOST_RISE, max(-MOST_RISE, bent))
+            if not self.clock.liftoff[leg]:
+                rise = self._rise[leg] + min(most, max(-most, rise - self._rise[leg]))
+            self._rise[leg] = rise
+            self._grounds[leg] = start + rise
         return self._grounds
 
     def _even_out(self, foot_in_base: Array, foot_force: Array, dt: float) -> None:

@@ -1,0 +1,75 @@
+"""What a foot in the air does when the ground expected at its foothold changes."""
+
+import numpy as np
+import pytest
+
+from husky_control.gait import GAITS
+from husky_control.kinematics import Kinematics
+from husky_control.parameters import Parameters
+from husky_control.walking import Walking
+from husky_description.robot import load_robot
+
+ROBOT = load_robot()
+DT = 0.002
+SPEED = 0.25
+LEG = 1
+"""The front right leg, of the pair that swings second."""
+
+
+def swing_of_a_step(change=None, at=0.78):
+    """Joint angles (ticks, 3) commanded to a leg in its second swing, the body at a constant speed.
+
+    `change(walking, velocity)` is made once, `at` that progress of the swing.
+    """
+    kinematics = Kinematics(ROBOT)
+    feet = kinematics.foot_positions(ROBOT.stand_joint_position)
+    walking = Walking(ROBOT, Parameters(), GAITS["climb"])
+    walking.bend = np.zeros((4, 2))
+    position = np.array([0.0, 0.0, -feet[:, 2].mean()])
+    velocity = np.array([SPEED, 0.0, 0.0])
+    walking.begin(np.eye(3), position, feet, GAITS["climb"])
+    walking.start_stepping(GAITS["climb"], position)
+    walking.reference.command[0] = SPEED
+    path, swings = [], 0
+    for _ in range(400):
+        clock = walking.clock
+        contact = ~clock.swinging | (clock.swing_progress > 0.97)
+        walking.tick(
+            np.eye(3), np.zeros(3), position, velocity, feet, position + feet, contact,
+            np.zeros((4, 3)), DT,
+        )
+        feet = kinematics.foot_positions(walking.joint_position)
+        position = position + velocity * DT
+        swings += int(clock.liftoff[LEG])
+        if swings == 2 and clock.swinging[LEG]:
+            path.append(walking.joint_position[3 * LEG : 3 * LEG + 3].copy())
+            if change is not None and clock.swing_progress[LEG] > at:
+                change(walking, velocity)
+                change = None
+        elif path:
+            break
+    assert len(path) > 70 and change is None
+    return np.array(path)
+
+
+def jerk(path):
+    """Greatest change of a joint's commanded speed from one tick to the next [rad/s]."""
+    return float(np.abs(np.diff(path[5:], n=2, axis=0)).max() / DT)
+
+
+def bends(walking, velocity):
+    walking.bend[:, 0] = 0.5
+
+
+def bends_and_slower(walking, velocity):
+    bends(walking, velocity)
+    velocity[0] -= 0.15
+
+
+@pytest.mark.parametrize("change", [bends, bends_and_slower])
+@pytest.mark.parametrize("at", [0.55, 0.78, 0.9])
+def test_a_leg_in_the_air_does_not_jerk(change, at):
+    """A jerk takes torque, and torque is what a touchdown is told by."""
+    undisturbed = jerk(swing_of_a_step())
+    assert undisturbed < 1.0  # rad/s
+    assert jerk(swing_of_a_step(change, at)) < 5.0 * undisturbed
