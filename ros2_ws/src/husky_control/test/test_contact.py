@@ -36,7 +36,7 @@ def vertical(*newtons):
     return force
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(st.lists(st.floats(-50.0, 50.0), min_size=12, max_size=12), st.integers(0, 100))
 def test_standing_legs_tell_the_forces_on_their_feet(values, seed):
     force = np.array(values).reshape(4, 3)

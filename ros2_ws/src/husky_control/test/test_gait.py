@@ -198,7 +198,7 @@ def test_no_leg_lifts_when_it_may_not_and_swinging_legs_land(name):
     assert (clock.swing_progress == -1.0).all()
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(
     st.sampled_from(NAMES),
     st.lists(

@@ -110,7 +110,6 @@ def hovering(**options):
 # ------------------------------------------------------------- the camera's poses
 
 
-@settings(deadline=None)
 @given(ANGLE, st.floats(-0.4, 0.4), st.floats(-0.4, 0.4), PLACE, PLACE, PLACE)
 def test_the_tracker_finds_the_base_behind_the_camera(yaw, pitch, roll, place, velocity, rate):
     base = Rotation.from_euler("ZYX", (yaw, pitch, roll))
@@ -121,7 +120,6 @@ def test_the_tracker_finds_the_base_behind_the_camera(yaw, pitch, roll, place, v
     assert tracker.yaw == pytest.approx(yaw, abs=1e-9)
 
 
-@settings(deadline=None)
 @given(PLACE, st.floats(0.06, 3.0), ANGLE)
 def test_motion_is_no_jump_and_a_jump_no_motion(velocity, size, yaw):
     base = Rotation.from_euler("z", yaw)
@@ -168,7 +166,6 @@ def test_a_pose_that_is_no_number_is_not_flown_by(name):
 # ------------------------------------------------------------------- the flight
 
 
-@settings(deadline=None)
 @given(st.floats(-4, 4), st.floats(-4, 4), ANGLE)
 def test_the_attitude_accelerates_as_it_is_asked_to(forward, left, yaw):
     hover = Hover(ROBOT)
@@ -293,7 +290,7 @@ def test_an_ended_flight_fades(at_once):
 EVENT = st.sampled_from(["wait", "land", "freeze", "see", "jump", "lost", "good", "end"])
 
 
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 @given(st.lists(EVENT, min_size=1, max_size=12), st.floats(0.9, 1.05))
 def test_whatever_happens_force_and_tilt_stay_within_their_limits(events, weight):
     body = Body(weight=weight).begin()

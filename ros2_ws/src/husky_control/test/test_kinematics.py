@@ -41,7 +41,7 @@ def simulated(q):
     return data
 
 
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 @given(joints())
 def test_feet_and_jacobians_are_those_of_mujoco(q):
     data = simulated(q)
@@ -56,7 +56,7 @@ def test_feet_and_jacobians_are_those_of_mujoco(q):
         np.testing.assert_allclose(jacobians[leg], translation[:, own], atol=1e-12)
 
 
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 @given(joints())
 def test_jacobians_are_the_slopes_of_the_foot_positions(q):
     _, jacobians = KINEMATICS.foot_positions_and_jacobians(q)
@@ -72,7 +72,7 @@ def test_jacobians_are_the_slopes_of_the_foot_positions(q):
         assert not np.delete(slope, leg, axis=0).any(), "a joint moves a foot of another leg"
 
 
-@settings(deadline=None, max_examples=100)
+@settings(max_examples=100)
 @given(joints())
 def test_center_of_mass_is_that_of_mujoco(q):
     center = KINEMATICS.center_of_mass(q)
@@ -80,7 +80,7 @@ def test_center_of_mass_is_that_of_mujoco(q):
     np.testing.assert_allclose(center, simulated(q).subtree_com[base], atol=1e-12)
 
 
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 @given(joints(straightest_knee=0.01))
 def test_inverse_places_the_feet_where_they_were(q):
     feet = KINEMATICS.foot_positions(q)
@@ -89,7 +89,7 @@ def test_inverse_places_the_feet_where_they_were(q):
     assert (found[2::3] <= 0.0).all(), "knees bend backward"
 
 
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 @given(joints(straightest_knee=0.05))
 def test_inverse_finds_the_joints_wherever_the_foot_is_below_its_hip(q):
     feet = KINEMATICS.foot_positions(q)
@@ -133,7 +133,7 @@ def test_a_foot_inside_of_the_lateral_offset_is_out_of_reach():
     assert np.isfinite(joints).all()
 
 
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 @given(
     joints(share=0.8, straightest_knee=0.3),
     st.lists(st.floats(-2.0, 2.0), min_size=3, max_size=3),

@@ -28,7 +28,7 @@ def test_the_standing_robot_has_straight_legs_down():
     np.testing.assert_allclose(LEGS.from_joints(ROBOT.stand_joint_position), expected, atol=1e-14)
 
 
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 @given(joints())
 def test_the_feet_are_the_same_and_the_way_back_leads_home(q):
     legs = LEGS.from_joints(q)
@@ -37,7 +37,7 @@ def test_the_feet_are_the_same_and_the_way_back_leads_home(q):
     np.testing.assert_allclose(LEGS.to_joints(legs), q, atol=1e-12)
 
 
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 @given(joints())
 def test_velocities_are_slopes_and_lead_back(q):
     rate, step = np.cos(np.arange(12.0)), 1e-6

@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 pytest.importorskip("rclpy")
@@ -54,7 +54,6 @@ def test_nothing_is_known_and_nobody_awaited_before_the_first_pose():
     assert not taken(link, 1000).usable(1.0)
 
 
-@settings(deadline=None)
 @given(st.lists(st.integers(0, 3), min_size=1, max_size=80))
 def test_in_lockstep_it_does_not_matter_when_poses_come(arrivals):
     link, publish = make()

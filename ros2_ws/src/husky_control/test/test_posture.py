@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from husky_control.kinematics import Kinematics
@@ -36,7 +36,6 @@ def run(postures, durations):
     return np.array(position), np.array(velocity)
 
 
-@settings(deadline=None)
 @given(st.floats(-3.0, 3.0), st.floats(-3.0, 3.0), st.floats(0.05, 3.0))
 def test_it_goes_monotonously_from_rest_to_rest(start, end, duration):
     position, velocity = run([start, end], [duration])
@@ -136,7 +135,6 @@ def test_a_straight_way_begins_and_ends_as_told_even_where_knees_bend_the_other_
     assert np.abs(np.diff(way, axis=0)).max() < 0.6
 
 
-@settings(deadline=None)
 @given(st.lists(st.floats(0.0, 1.0), min_size=12, max_size=12))
 def test_there_is_a_way_down_from_any_posture(shares):
     start = ROBOT.joint_lower + np.array(shares) * (ROBOT.joint_upper - ROBOT.joint_lower)

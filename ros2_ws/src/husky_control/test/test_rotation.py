@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -20,7 +20,6 @@ ANGLE = st.floats(-math.pi, math.pi)
 PITCH = st.floats(-1.5, 1.5)
 
 
-@settings(deadline=None)
 @given(st.lists(st.floats(-1.0, 1.0), min_size=4, max_size=4))
 def test_matrix_of_a_quaternion(values):
     quaternion = np.array(values)
@@ -30,7 +29,6 @@ def test_matrix_of_a_quaternion(values):
     np.testing.assert_allclose(matrix, Rotation.from_quat(quaternion).as_matrix(), atol=1e-13)
 
 
-@settings(deadline=None)
 @given(ANGLE, PITCH, ANGLE)
 def test_matrix_of_roll_pitch_yaw(roll, pitch, yaw):
     matrix = np.empty((3, 3))
@@ -41,7 +39,6 @@ def test_matrix_of_roll_pitch_yaw(roll, pitch, yaw):
     assert math.remainder(yaw_of(matrix) - yaw, math.tau) == pytest.approx(0.0, abs=1e-12)
 
 
-@settings(deadline=None)
 @given(ANGLE, st.floats(0.01, math.pi - 0.01), ANGLE)
 def test_tilt_is_the_angle_from_the_vertical(direction, tilt, yaw):
     axis = np.array([math.cos(direction), math.sin(direction), 0.0])

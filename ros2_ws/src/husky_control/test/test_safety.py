@@ -141,7 +141,7 @@ def test_limits_are_live():
     assert "limit 0.40" in check(safety, tilt=0.5)
 
 
-@settings(deadline=None, max_examples=100)
+@settings(max_examples=100)
 @given(
     tilt=st.floats(0.0, 3.2),
     joint_age_ticks=st.integers(0, 10),

@@ -154,7 +154,7 @@ def test_a_diagonal_carries_a_centred_body(pair):
     assert (1.0 - SOFT) * WEIGHT <= force[:, 2].sum() <= WEIGHT
 
 
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 @given(st.floats(-0.06, 0.06), st.floats(-0.03, 0.03), st.integers(0, 50))
 def test_forces_are_vertical_and_carry_and_balance_a_tilted_body(x, y, seed):
     rotation = random_rotation(seed, 0.1)
@@ -200,7 +200,7 @@ def test_a_partly_loaded_foot_carries_less_and_none_carries_nothing():
 # -------------------------------------------------------------- internal load
 
 
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 @given(st.lists(st.floats(-20.0, 20.0), min_size=4, max_size=4), st.integers(0, 20))
 def test_internal_load_is_the_part_of_the_error_that_moves_nothing(error, seed):
     feet = FEET + np.random.default_rng(seed).uniform(-0.05, 0.05, (4, 3))

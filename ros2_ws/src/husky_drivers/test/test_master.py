@@ -433,7 +433,7 @@ def test_refused_commands_do_not_feed_the_watchdog(enabled):
     st.lists(st.floats(width=64, allow_nan=True, allow_infinity=True), min_size=36, max_size=36),
     st.integers(-128, 127),
 )
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 def test_any_command_leads_to_an_answer_and_to_numbers_that_fit(values, mode):
     values = np.array(values)
     reason = RUNNING.master.set_command(mode, values[:12], values[12:24], values[24:])
@@ -679,7 +679,7 @@ def test_a_drive_that_left_op_is_brought_back_by_a_reset(enabled):
 
 
 @given(st.lists(st.binary(min_size=264, max_size=264), min_size=1, max_size=6), st.integers(0, 60))
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 def test_garbage_from_the_drives_never_raises(frames, counter):
     loop = Loop()
     loop.enable()

@@ -5,7 +5,7 @@ import math
 import struct
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from husky_drivers.vn200_binary import GROUPS, IMU_LAYOUT, BinaryOutput, OutputLayout
@@ -257,7 +257,6 @@ GARBAGE = st.one_of(
 )
 
 
-@settings(deadline=None)
 @given(data=st.lists(GARBAGE, max_size=5).map(b"".join), cuts=st.lists(st.integers(0, 10**4)))
 @pytest.mark.parametrize("layout", [None, IMU_LAYOUT])
 def test_nothing_raises_and_every_byte_is_accounted_for(layout, data, cuts):
@@ -272,7 +271,6 @@ def test_nothing_raises_and_every_byte_is_accounted_for(layout, data, cuts):
     assert accounted(parser) == len(data)
 
 
-@settings(deadline=None)
 @given(data=st.lists(GARBAGE, max_size=4).map(b"".join), cuts=st.lists(st.integers(0, 10**4)))
 @pytest.mark.parametrize("layout", [None, IMU_LAYOUT])
 def test_messages_do_not_depend_on_how_the_bytes_are_cut(layout, data, cuts):
@@ -284,7 +282,6 @@ def test_messages_do_not_depend_on_how_the_bytes_are_cut(layout, data, cuts):
     assert parser.counters == whole.counters
 
 
-@settings(deadline=None)
 @given(before=GARBAGE, step=st.integers(1, 60))
 def test_a_packet_behind_garbage_is_found_with_its_last_byte(before, step):
     parser = StreamParser(IMU_LAYOUT)
@@ -296,7 +293,6 @@ def test_a_packet_behind_garbage_is_found_with_its_last_byte(before, step):
     assert [message.values[0] for message in found] == [IMU_VALUES[0]]
 
 
-@settings(deadline=None)
 @given(before=GARBAGE)
 def test_a_packet_of_any_layout_is_found_when_a_false_start_could_have_ended(before):
     parser = StreamParser()
@@ -304,7 +300,6 @@ def test_a_packet_of_any_layout_is_found_when_a_false_start_could_have_ended(bef
     assert [m for m in found if isinstance(m, BinaryPacket) and m.layout.size == 66]
 
 
-@settings(deadline=None)
 @given(kept=st.integers(1, 53))
 def test_a_cut_packet_costs_only_itself(kept):
     parser = StreamParser(IMU_LAYOUT)
@@ -314,7 +309,6 @@ def test_a_cut_packet_costs_only_itself(kept):
     assert parser.counters.truncated + parser.counters.crc_errors == (1 if kept >= 4 else 0)
 
 
-@settings(deadline=None)
 @given(bit=st.integers(0, 54 * 8 - 1))
 def test_one_inverted_bit_costs_one_packet(bit):
     damaged = bytearray(IMU_PACKET)

@@ -312,7 +312,7 @@ def test_a_frozen_sample_is_no_sample():
 
 
 # Anything ---------------------------------------------------------------------------------------
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(
     chaos=st.lists(
         st.one_of(

@@ -54,7 +54,7 @@ def measured(rotation, field=NED_FIELD):
     return tuple(turn.apply([0.0, 0.0, -9.81])), tuple(turn.apply(field))
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.floats(-1.2, 1.2), st.floats(-1.2, 1.2), heading)
 def test_first_attitude(roll, pitch, yaw):
     rotation = Rotation.from_euler("ZYX", [yaw, pitch, roll])
@@ -146,7 +146,7 @@ def test_small_errors_ask_for_gain_times_error(roll, pitch, yaw, ex, ey, ez):
     assert demand == pytest.approx((4.0 * ex, 4.0 * ey, 1.5 * ez), abs=0.02)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(angle, angle, heading, angle, angle, heading)
 def test_attitude_law_converges_from_anywhere(a, b, c, d, e, f):
     """The rates themselves carry every attitude to the desired one, tilt first."""

@@ -44,7 +44,6 @@ def taken(voltage, throttle, back_emf, power=40.0):
     return total
 
 
-@settings(deadline=None)
 @given(st.floats(0.0, 1.0))
 def test_curve_is_interpolated_and_rises(charge):
     points = 6 * ROBOT.battery.cell_voltage
@@ -61,7 +60,7 @@ def test_ends_of_the_curve():
     assert PACK.open_circuit_voltage(-1.0) == PACK.open_circuit_voltage(0.0)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(st.floats(18.0, 25.2), THROTTLES, BACK_EMF, st.floats(10.0, 26.0))
 @example(25.2, [1.0] * 4, [0.0] * 4, 25.2)  # all at the limit
 @example(25.2, [0.0] * 4, [24.0] * 4, 25.2)  # all brake at the limit
@@ -77,7 +76,6 @@ def test_bus_agrees_with_a_root_finder(voc, throttle, back_emf, guess):
     assert voltage == pytest.approx(voc - PACK.resistance * total, abs=1e-8)
 
 
-@settings(deadline=None)
 @given(st.floats(18.0, 25.2), st.floats(0.0, 5000.0))
 def test_constant_power_alone_is_the_upper_root(voc, power):
     voltage, current = solve(voc, [-1.0] * 4, [0.0] * 4, power)
@@ -94,7 +92,6 @@ def test_more_than_the_pack_can_give_collapses_to_its_greatest_power():
     )
 
 
-@settings(deadline=None)
 @given(st.floats(0.0, 1.0), st.floats(0.0, 24.0), st.floats(10.0, 26.0))
 def test_current_of_a_motor_keeps_its_limit(throttle, back_emf, voltage):
     current = motor_current(throttle, back_emf, voltage, R_MOTOR, LIMIT)

@@ -54,7 +54,7 @@ RUNS = st.lists(
 WIDTH = {"low": 1000.0, "high": 1600.0, "none": 0.0}
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(RUNS)
 def test_bridge_closes_and_opens_as_the_history_of_pulses_says(runs):
     kinds = [kind for kind, length in runs for _ in range(length)]
@@ -82,7 +82,6 @@ def test_last_pulse_holds_through_a_short_gap_and_no_longer():
     assert run(escs, 1600, 200) == pytest.approx(before)
 
 
-@settings(deadline=None)
 @given(st.floats(1050.0, 2200.0))
 def test_throttle_is_linear_in_the_pulse(pulse):
     escs = armed()

@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from husky_description.robot import load_robot
@@ -14,7 +14,6 @@ FAN = FanModel.from_section(SECTION)
 THRUSTS = st.floats(0.0, 40.0)
 
 
-@settings(deadline=None)
 @given(THRUSTS)
 def test_jet_power_is_that_of_the_air_that_is_moved(thrust):
     flow = SECTION.air_density * SECTION.flow_area
@@ -31,7 +30,6 @@ def test_full_throttle_on_the_rated_voltage_is_what_the_file_says():
     assert FAN.jet_power(20.0) / FAN.electrical_power(20.0) == pytest.approx(0.55)
 
 
-@settings(deadline=None)
 @given(THRUSTS)
 def test_power_goes_into_jet_swirl_friction_and_heat(thrust):
     current = FAN.steady_current(thrust)
@@ -43,7 +41,6 @@ def test_power_goes_into_jet_swirl_friction_and_heat(thrust):
     assert FAN.electrical_power(thrust) >= FAN.jet_power(thrust)
 
 
-@settings(deadline=None)
 @given(THRUSTS)
 def test_steady_thrust_inverts_steady_voltage(thrust):
     assert FAN.steady_thrust(FAN.steady_voltage(thrust)) == pytest.approx(thrust, abs=1e-9)
@@ -85,7 +82,6 @@ def test_run_down_with_friction_is_a_tangent_and_stops():
     assert run_down(FAN.no_load_current, time=0.95 * stop) > 0.0
 
 
-@settings(deadline=None)
 @given(st.floats(0.0, 6000.0), st.floats(-95.0, 95.0), st.floats(1e-6, 2e-3))
 def test_nothing_turns_a_rotor_backwards(speed, current, dt):
     after = next_speed(speed, current, dt, 1.0 / FAN.speed_constant, 3.0, 1.4e-8, FAN.inertia)

@@ -193,7 +193,7 @@ def test_answers_to_somebody_else_are_not_ours(pair):
     assert answer.result is None
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.lists(st.tuples(st.booleans(), st.sampled_from([0, 1, 4, 5])), max_size=12))
 def test_a_command_ends_once_and_stays_ended(steps):
     command, now = commands.Command(400, (0.0,) * 7), 0.0

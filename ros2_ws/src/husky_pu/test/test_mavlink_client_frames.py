@@ -56,7 +56,7 @@ def frames(autopilot, count=3):
     return found
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(data=st.data())
 def test_good_frames_survive_garbage_and_truncation_between_them(make_autopilot, data):
     """Junk holds no byte that could begin a frame; a piece of a frame may hold what it likes."""
@@ -80,7 +80,7 @@ def test_good_frames_survive_garbage_and_truncation_between_them(make_autopilot,
     assert [bytes(message.get_msgbuf()) for message in found] == good
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(st.lists(st.binary(max_size=300), max_size=6))
 def test_any_bytes_are_taken(pieces):
     client = MavlinkClient(ClientConfig())
@@ -94,7 +94,7 @@ def test_any_bytes_are_taken(pieces):
     assert not client.connected
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(data=st.data())
 def test_a_flipped_bit_is_never_believed(make_autopilot, data):
     (frame, *_) = frames(make_autopilot(), 1)

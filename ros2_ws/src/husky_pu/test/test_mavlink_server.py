@@ -620,7 +620,7 @@ def frames():
     )
 
 
-@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=150, suppress_health_check=[HealthCheck.too_slow])
 @given(
     st.lists(st.one_of(frames(), st.binary(max_size=60), st.integers(1, 40)), max_size=30),
     st.booleans(),
@@ -648,7 +648,7 @@ def test_any_bytes_are_survived_and_every_answer_can_be_read(pieces, lockstep):
         assert message.get_type() != "BAD_DATA"
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(st.data())
 def test_a_truncated_frame_costs_no_other(data):
     """After garbage and the head of a frame the next frames get through, in time."""

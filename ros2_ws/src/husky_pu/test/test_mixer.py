@@ -48,7 +48,6 @@ def test_forward_map_is_what_the_unit_settles_at(fan):
     np.testing.assert_allclose(unit.thrust, steady, rtol=2e-3)
 
 
-@settings(deadline=None)
 @given(st.lists(st.floats(0.0, 20.0), min_size=4, max_size=4))
 def test_what_fits_is_given_exactly(thrust):
     collective, moment = MIXER.wrench(thrust)
@@ -70,7 +69,7 @@ def greatest(fixed, moving, full, total, rise):
     return result.x[4]
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(COLLECTIVE, MOMENT, RISE, st.sampled_from([18.0, 22.2, 24.0]))
 def test_four_fans_keep_tilt_then_yaw_then_collective(collective, moment, rise, voltage):
     full, total = MIXER.thrust_limit(voltage), max(collective, 0.0)
@@ -92,7 +91,7 @@ def test_four_fans_keep_tilt_then_yaw_then_collective(collective, moment, rise, 
     assert got <= max(total, 0.0) + rise + 1e-9
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(st.integers(0, 3), st.floats(0.0, 80.0), MOMENT)
 def test_three_fans_are_the_weighted_least_squares(lost, collective, moment):
     available = [i != lost for i in range(4)]
@@ -108,7 +107,6 @@ def test_three_fans_are_the_weighted_least_squares(lost, collective, moment):
     np.testing.assert_allclose(thrust[available], best, atol=0.02)
 
 
-@settings(deadline=None)
 @given(st.integers(0, 3), st.lists(st.floats(0.0, 20.0), min_size=3, max_size=3))
 def test_three_fans_give_exactly_what_fits(lost, three):
     thrust = np.insert(np.array(three), lost, 0.0)
@@ -119,7 +117,6 @@ def test_three_fans_give_exactly_what_fits(lost, three):
     )
 
 
-@settings(deadline=None)
 @given(st.integers(0, 3), st.floats(0.0, 80.0), MOMENT, st.floats(0.0, 40.0))
 def test_three_fans_keep_the_rise(lost, collective, moment, rise):
     available = [i != lost for i in range(4)]
@@ -148,7 +145,6 @@ def test_two_lost_fans_end_the_flight():
     assert not MIXER.allocate(40.0, [1, 1, 0], available=[True, False, False, True]).any()
 
 
-@settings(deadline=None)
 @given(st.lists(st.floats(0.1, 18.0), min_size=4, max_size=4), st.floats(21.5, 25.2))
 def test_pulses_keep_the_thrust(thrust, voltage):
     pulses = MIXER.pulses(thrust, voltage)

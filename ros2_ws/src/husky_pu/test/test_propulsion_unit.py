@@ -175,7 +175,7 @@ def test_hover_is_possible_on_a_full_pack_only():
     assert hover_time(ROBOT) == pytest.approx((1 - least) * 18000.0 / 222.0, rel=0.05)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.lists(st.integers(1000, 2000), min_size=4, max_size=4))
 def test_wrench_is_that_of_forces_at_the_fans(pwm):
     unit = run(armed_unit(ROBOT), np.array(pwm, float), 0.1)
@@ -326,7 +326,7 @@ def state_after(unit, pwm, k):
     return state(unit)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     st.lists(
         st.tuples(st.lists(st.integers(0, 2500), min_size=4, max_size=4), st.integers(1, 200)),

@@ -546,7 +546,7 @@ def test_safeop_needs_the_mappings_and_op_needs_safeop():
 
 
 @given(st.lists(st.binary(min_size=216, max_size=216), max_size=8))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_garbage_on_the_wire_never_raises_and_nothing_is_enabled_out_of_turn(frames):
     rig = GARBAGE
     rig.step(0x00)
@@ -571,7 +571,7 @@ def test_garbage_on_the_wire_never_raises_and_nothing_is_enabled_out_of_turn(fra
 
 
 @given(st.binary(max_size=400).filter(lambda data: len(data) != 216))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_frames_of_another_length_reach_no_drive(data):
     before = GARBAGE.segment.states()
     assert GARBAGE.segment.exchange(data)[1] == 0
@@ -661,5 +661,5 @@ class DriveMachine(RuleBasedStateMachine):
             assert self.rig.command["kind"] == 0
 
 
-DriveMachine.TestCase.settings = settings(max_examples=60, stateful_step_count=40, deadline=None)
+DriveMachine.TestCase.settings = settings(max_examples=60, stateful_step_count=40)
 TestDriveMachine = DriveMachine.TestCase

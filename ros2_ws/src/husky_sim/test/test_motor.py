@@ -48,7 +48,7 @@ def still(servos, position, steps=1):
     st.floats(-0.03, 0.03),
     st.floats(0.0, 400.0),
 )
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 def test_static_torque_is_kp_times_error(position, error, kp):
     servos = make()
     command(servos, POSITION, position + error, kp=kp, limit=1e3)

@@ -309,7 +309,7 @@ EVENTS = st.one_of(
 
 
 @given(st.lists(EVENTS, max_size=25))
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 def test_whatever_happens_torque_ends_100_ms_after_the_last_command(events):
     joints = Joints(gravity=0.5)
     joints.enable()

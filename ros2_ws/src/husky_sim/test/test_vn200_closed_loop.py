@@ -176,7 +176,7 @@ def test_an_unplugged_line_is_back_within_a_second(pause):
     assert wire.time_to_stream() < 1.0
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(
     cuts=st.lists(st.tuples(st.integers(0, 300), st.integers(1, 900)), min_size=1, max_size=3),
     at_new=st.booleans(),

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -283,7 +283,6 @@ def test_output_that_nobody_takes_is_bounded_and_reported():
     assert bench.device.take_output() == b"$VNERR,0B*03\r\n"
 
 
-@settings(deadline=None)
 @given(
     st.lists(
         st.one_of(
