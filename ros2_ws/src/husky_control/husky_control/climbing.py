@@ -198,8 +198,8 @@ class Climbing:
         """How much lower than usual a body that leans ahead walks, so that legs reach down [m]."""
         if not self.pitch:
             return 0.0
-        whole = max(0.1, self.slope + self.parameters["wair.lean_ahead"])
-        return self.parameters["wair.lean_sink"] * min(1.0, self.pitch / whole)
+        share = min(1.0, self.pitch / max(0.1, self._whole_lean(self.slope)))
+        return share * self.parameters["wair.lean_sink"]
 
     @property
     def lost(self) -> bool:
@@ -247,13 +247,16 @@ class Climbing:
             thrust += out * self.normal + up * self.uphill
         return p["wair.thrust_share"] * thrust
 
+    def _whole_lean(self, slope: float) -> float:
+        return slope + _steepness(slope) * self.parameters["wair.lean_ahead"]
+
     def _pitch_for(self, slope: float) -> float:
         """Pitch relative to the plane at which a fixed axis helps: beyond the slope itself."""
         p = self.parameters
         if self.vectoring or p["wair.thrust_share"] == 0.0:
             return 0.0
         share = min(1.0, max(0.0, (slope - LEAN_FROM) / (LEAN_WHOLE - LEAN_FROM)))
-        lean = slope + p["wair.lean_ahead"]
+        lean = self._whole_lean(slope)
         if self.reference is not None:
             lean += self.reference.weight(slope) * (self.reference.pitch - lean)
         return share * lean
@@ -305,6 +308,11 @@ class Climbing:
         self.turn = plane @ self.plane.T
         self.normal[:] = ahead
         self.plane = plane
+
+
+def _steepness(slope: float) -> float:
+    """Return the tangential over the normal part of gravity, up to 1 at 45 degrees [-]."""
+    return math.tan(min(slope, math.radians(45.0)))
 
 
 def _balance(robot: Robot) -> tuple[Array, float]:

@@ -44,6 +44,7 @@ RANGE_MARGIN = 0.03  # rad, that joint targets keep from the ends of their range
 MOST_SHARE = 0.7  # of the weight that one foot carries, also when it lands before its partner
 MOST_RISE = 0.10  # m, of a foot's own ground over the feet's plane
 GROUND_RATE = 0.35  # m/s, at which the expected height of the ground changes within a step
+SWING_ACCELERATION = 60.0  # m/s^2, with which a foot turns to a foothold that moves within a step
 READY_SHARE = 0.7  # of the gait's static margin, at which a leg of the crawl may lift
 
 
@@ -99,6 +100,7 @@ class Walking:
         self._rise = np.zeros(LEGS)  # m, of the expected ground over where the foot stood
         self._remaining = np.zeros(LEGS)
         self._place = np.zeros(LEGS, dtype=np.bool_)
+        self._placed = np.zeros((LEGS, 2))
         self._velocity_at_event = np.zeros(2)
         self._blend = np.zeros((LEGS, 3))
         self._share = np.ones(LEGS)
@@ -408,15 +410,27 @@ class Walking:
             float(velocity[0] - sway.velocity[0]), float(velocity[1] - sway.velocity[1]),
             self.reference.velocity, float(self.reference.ramped[2]), self._remaining,
             clock.stance_time, p["foothold.velocity_gain"], p["foothold.reach"],
-            self._place, self.foothold,
+            self._place, self._placed,
         )
-        self._place.fill(False)
+        self._move_footholds()
         swing_feet(
             clock.swinging, clock.swing_progress, clock.swing_time, self.foothold,
             self._expected_grounds(dt), gait.swing_height, p["walk.search_speed"],
             p["walk.search_depth"], self._start_height, dt,
             self._swing_position, self._swing_velocity,
         )
+
+    def _move_footholds(self) -> None:
+        """Take over footholds placed anew, within a step as far as the time left allows."""
+        for leg in range(LEGS):
+            if not self._place[leg]:
+                continue
+            way = self._placed[leg] - self.foothold[leg]
+            if not self.clock.liftoff[leg]:
+                most = SWING_ACCELERATION * float(self._remaining[leg]) ** 2 / 6.0
+                way *= min(1.0, most / max(math.hypot(way[0], way[1]), 1e-9))
+            self.foothold[leg] += way
+        self._place.fill(False)
 
     def _expected_grounds(self, dt: float) -> Array:
         """Heights (4,) m at the footholds: of the feet's plane, or as a foot's ground goes on.

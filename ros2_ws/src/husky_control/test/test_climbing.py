@@ -149,12 +149,13 @@ def test_fans_lost_on_an_incline_are_told_and_on_gentle_ground_are_not():
     assert not legs_alone.lost and not legs_alone.thrust.any()
 
 
-def test_fixed_fans_make_the_body_lean_ahead_of_the_slope():
+@pytest.mark.parametrize(("degrees", "share"), [(30.0, 3.0**-0.5), (45.0, 1.0), (50.0, 1.0)])
+def test_fixed_fans_make_the_body_lean_ahead_of_the_slope(degrees, share):
     c = climbing("fixed")
-    stay(c, 30.0, 5.0)
-    assert math.degrees(c.pitch) == pytest.approx(
-        30.0 + math.degrees(c.parameters["wair.lean_ahead"]), abs=0.5
-    )
+    stay(c, degrees, 6.0)
+    ahead = share * math.degrees(c.parameters["wair.lean_ahead"])
+    assert math.degrees(c.pitch) == pytest.approx(degrees + ahead, abs=0.5)
+    assert c.sink == pytest.approx(c.parameters["wair.lean_sink"], rel=0.02)
     axis = np.array([math.sin(c.pitch), 0.0, math.cos(c.pitch)])
     thrust = c.plane @ c.thrust
     np.testing.assert_allclose(thrust / np.linalg.norm(thrust), axis, atol=1e-6)

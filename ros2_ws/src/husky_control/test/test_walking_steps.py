@@ -35,8 +35,15 @@ def swing_of_a_step(change=None, at=0.78):
         clock = walking.clock
         contact = ~clock.swinging | (clock.swing_progress > 0.97)
         walking.tick(
-            np.eye(3), np.zeros(3), position, velocity, feet, position + feet, contact,
-            np.zeros((4, 3)), DT,
+            np.eye(3),
+            np.zeros(3),
+            position,
+            velocity,
+            feet,
+            position + feet,
+            contact,
+            np.zeros((4, 3)),
+            DT,
         )
         feet = kinematics.foot_positions(walking.joint_position)
         position = position + velocity * DT
@@ -72,4 +79,17 @@ def test_a_leg_in_the_air_does_not_jerk(change, at):
     """A jerk takes torque, and torque is what a touchdown is told by."""
     undisturbed = jerk(swing_of_a_step())
     assert undisturbed < 1.0  # rad/s
-    assert jerk(swing_of_a_step(change, at)) < 5.0 * undisturbed
+    assert jerk(swing_of_a_step(change, at)) < 3.0 * undisturbed
+
+
+@pytest.mark.parametrize(("at", "least", "most"), [(0.3, 0.06, 0.2), (0.78, 0.005, 0.015)])
+def test_a_pushed_robot_moves_its_foothold_as_far_as_the_time_left_allows(at, least, most):
+    held = []
+
+    def pushed(walking, velocity):
+        velocity[0] = -0.4
+        held.append((walking, float(walking.foothold[LEG, 0])))
+
+    swing_of_a_step(pushed, at)
+    ((walking, before),) = held
+    assert least < before - walking.foothold[LEG, 0] < most
