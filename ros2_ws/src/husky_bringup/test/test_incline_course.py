@@ -1,8 +1,11 @@
 """A climbing course: its geometry beside the ramp's, the settings of its nodes."""
 
+import argparse
+
 import numpy as np
 import pytest
 
+from husky_bringup.experiments import wair
 from husky_bringup.incline_course import Course, course_for
 from husky_bringup.incline_settings import climbing_settings
 from husky_description.ramp import Ramp
@@ -42,3 +45,20 @@ def test_every_node_knows_how_the_fans_are_mounted():
     assert settings["low_level_controller"]["wair.load_slope"] == 0.3
     with pytest.raises(ValueError, match="must be vector or body_z"):
         climbing_settings(Course(45.0), 3, "sideways")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "radius"),
+    [
+        ([], 1.5),
+        (["--slope", "60"], 1.5),
+        (["--slope", "75"], 3.0),
+        (["--slope", "30", "--thrust-mode", "body_z"], 1.5),
+        (["--slope", "45", "--thrust-mode", "body_z"], 3.0),
+        (["--slope", "75", "--blend", "2"], 2.0),
+    ],
+)
+def test_the_foot_of_the_slope_is_as_wide_as_the_robot_needs_it_or_as_asked_for(arguments, radius):
+    parser = argparse.ArgumentParser()
+    wair.add_options(parser)
+    assert wair.blend(parser.parse_args(arguments)) == radius

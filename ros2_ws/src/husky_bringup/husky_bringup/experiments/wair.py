@@ -36,6 +36,10 @@ _BEFORE_FAULT, _AFTER_FAULT = 3.0, 8.0
 """Time on the slope before something is lost, and to see how it ends [s]."""
 _TUMBLE = 75.0
 """Tilt from which on the robot has rolled over [deg]."""
+_NARROW, _WIDE = 1.5, 3.0
+"""Radii of the slope's foot [m]."""
+_WIDE_FROM = {"vector": 60.0, "body_z": 30.0}
+"""Slope beyond which the foot is wide in each thrust mode [deg]."""
 _THRUST_AT_45 = 40.0
 """Most thrust at 45 degrees [N]."""
 
@@ -53,7 +57,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--return", dest="back", action="store_true", help="stop, and walk down")
     parser.add_argument("--pushes", type=int, default=0, help="how many, one every 3 s")
     parser.add_argument("--push-impulse", type=float, default=5.0, help="of each [N s]")
-    parser.add_argument("--blend", type=float, default=1.5, help="radius of the slope's foot [m]")
+    parser.add_argument(
+        "--blend",
+        type=float,
+        help="radius of the slope's foot [m]: 1.5, but 3 beyond 60 deg, with body_z beyond 30",
+    )
     parser.add_argument(
         "--lose", choices=("fan", "link"), help="a fan, or the autopilot's bridge, on the slope"
     )
@@ -66,6 +74,14 @@ def load_slope(thrust_mode: str, friction: float) -> float:
     On rough ground no more than at `_ROUGH`: the feet would have to stand too far down the slope.
     """
     return _SHARE[thrust_mode] * min(friction, _ROUGH)
+
+
+def blend(options: argparse.Namespace) -> float:
+    """Return the radius of the slope's foot [m]: what was asked for, or what the robot masters."""
+    if options.blend is not None:
+        return float(options.blend)
+    wide = options.slope > _WIDE_FROM[options.thrust_mode]
+    return _WIDE if wide else _NARROW
 
 
 def controller_settings(options: argparse.Namespace) -> dict[str, ParameterValue]:
@@ -83,7 +99,8 @@ def run(run: Run) -> None:
     """No fall, fast enough, feet inside of the cone, thrust within what the statics promise."""
     options = run.options
     way = 1.5 * options.speed * options.duration
-    course = course_for(options.slope, way, options.friction, options.blend)
+    course = course_for(options.slope, way, options.friction, blend(options))
+    run.metrics["blend_m"] = course.blend
     settings = climbing_settings(
         course, options.seed, options.thrust_mode, controller_settings(options)
     )
