@@ -82,7 +82,6 @@ def test_drive_bridge_container_stopped(trotting, containers, record_property):
     record_property("reaction_s", trotting.torque_ends(died))
     trotting.reported(graph.PLANT, "drive_bridge is lost")
     s.start(graph.DRIVE_BRIDGE)
-    trotting.reported(graph.PLANT, "paused")  # the two have found each other
     trotting.until(lambda: trotting.mode == "damping", "damping after the gap", within=0.5)
     trotting.recover()
 

@@ -29,8 +29,11 @@ def test_drive_bridge_killed(trotting, record_property):
     record_property("reaction_s", trotting.torque_ends(died))
     trotting.reported(graph.PLANT, "drive_bridge is lost")
     s.start(graph.DRIVE_BRIDGE)
-    trotting.reported(graph.PLANT, "paused")  # the two have found each other
-    trotting.until(lambda: trotting.mode == "damping", "damping after the gap", within=0.5)
+    trotting.until(
+        lambda: trotting.mode == "damping" and s.drives is not None,
+        "damping after the gap, and news of the new drives",
+        within=0.5,
+    )
     assert not s.drives.operational, trotting.seen
     trotting.recover()
 

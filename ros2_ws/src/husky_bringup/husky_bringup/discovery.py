@@ -28,5 +28,10 @@ def subscribers(node: Node, topic: str) -> Endpoints:
     return _participants(node.get_subscriptions_info_by_topic(topic))
 
 
+def processes_of(endpoints: Endpoints) -> set[bytes]:
+    """Return the processes alone: a node's name may become known later than its endpoint."""
+    return {process for _, process in endpoints}
+
+
 def _participants(endpoints: list[TopicEndpointInfo]) -> Endpoints:
     return {(info.node_name, bytes(info.endpoint_gid)[:_PREFIX]) for info in endpoints}

@@ -13,7 +13,7 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.task import Future
 
-from husky_bringup.discovery import servers, subscribers
+from husky_bringup.discovery import processes_of, servers, subscribers
 from husky_bringup.processes import Nodes, Processes
 from husky_bringup.system import NodeSpec
 from husky_description import graph
@@ -82,6 +82,7 @@ class GraphLink:
         self._probes = probes
         self.processes: Any = Processes(logs=output / "logs") if nodes is None else nodes
         self._output = output
+        self._owners: dict[str, str] = {}  # node by service
         self.context = Context()
         rclpy.init(context=self.context)
         self._node = rclpy.create_node(name, context=self.context)
@@ -104,13 +105,12 @@ class GraphLink:
             lambda: all(client.service_is_ready() for client in self._services.values()),
             "the services of the nodes",
         )
-        self._owners = {
-            service: owner for service in self._services for owner, _ in servers(node, service)
-        }
-        for service in self._probes:
-            self._probe(service)
         recorders = sum(spec.name == graph.RECORDER for spec in self.specs)
         names = {spec.name for spec in self.specs}
+        # A service is there before the name of its node is known.
+        self.wait_for(lambda: self._find_owners(names), "the names of the nodes of the services")
+        for service in self._probes:
+            self._probe(service)
         for name, publisher, subscriber in _PATHS:
             if not {publisher, subscriber} <= names:
                 continue
@@ -127,6 +127,14 @@ class GraphLink:
             lambda: node.count_subscribers(graph.CMD_VEL) >= 1 + recorders,
             f"subscribers of {graph.CMD_VEL}",
         )
+
+    def _find_owners(self, names: set[str]) -> bool:
+        """Note which node offers which service; return whether all are known."""
+        for service in self._services:
+            found = {name for name, _ in servers(self._node, service)} & names
+            if found:
+                self._owners[service] = found.pop()
+        return self._owners.keys() == self._services.keys()
 
     def _probe(self, service: str) -> None:
         """Ask again and again until a service answers for the first time.
@@ -212,23 +220,24 @@ class GraphLink:
             SessionError: it ended or did not come up.
         """
         spec = next(spec for spec in self.specs if spec.name == node)
-        listens = subscribers(self._node, graph.CMD_VEL)
-        offered = {name: servers(self._node, name) for name in self._services}
+        owned = [service for service, owner in self._owners.items() if owner == node]
+        listens = processes_of(subscribers(self._node, graph.CMD_VEL))
+        offered = {service: processes_of(servers(self._node, service)) for service in owned}
         self.processes.start(spec)
-        for service, owner in self._owners.items():
-            if owner == node:
-                self.wait_for(
-                    lambda service=service: any(  # type: ignore[misc]
-                        name == node for name, _ in servers(self._node, service) - offered[service]
-                    ),
-                    f"{service} of the new {node}",
-                )
+        for service in owned:
+            self.wait_for(
+                lambda service=service: any(  # type: ignore[misc]
+                    name == node and process not in offered[service]
+                    for name, process in servers(self._node, service)
+                ),
+                f"{service} of the new {node}",
+            )
         for service in self._probes:
-            if self._owners.get(service) == node:
+            if service in owned:
                 self._probe(service)
         if node == graph.LOW_LEVEL_CONTROLLER:
             self.wait_for(
-                lambda: bool(subscribers(self._node, graph.CMD_VEL) - listens),
+                lambda: bool(processes_of(subscribers(self._node, graph.CMD_VEL)) - listens),
                 f"the new {node} at {graph.CMD_VEL}",
             )
 

@@ -160,8 +160,8 @@ class Session(GraphLink):
         self.subscribe(FanState, graph.FAN_STATE, self._on_fans)
         self.subscribe(PropulsionState, graph.PROPULSION_STATE, self._on_propulsion)
         self._radio_frames = 0
-        if remote:
-            self.subscribe(DiagnosticArray, graph.DIAGNOSTICS, self._on_diagnostics)
+        self._lost_peers: list[str] | None = None
+        self.subscribe(DiagnosticArray, graph.DIAGNOSTICS, self._on_diagnostics)
         try:
             self.wait_for(self._is_heard, "those who report and those who take commands")
             if not self._lockstep:
@@ -310,10 +310,18 @@ class Session(GraphLink):
     def start(self, node: str) -> None:
         """Start a node that has been killed or ended, and wait until it can be spoken to.
 
+        In lockstep a plant that has given it up has heard it again.
+
         Raises:
             SessionError: it ended or did not come up.
         """
         super().start(node)
+        if self._lockstep and node != graph.PLANT and self.time > 0.0:
+            self._lost_peers = None
+            self.wait_for(
+                lambda: self._lost_peers is not None and node not in self._lost_peers,
+                f"the plant to hear the new {node}",
+            )
         if node == graph.LOW_LEVEL_CONTROLLER:
             self._reported[graph.CONTROLLER_STATE] = round(self.time * 1e9)
         elif node == graph.PLANT:
@@ -491,6 +499,8 @@ class Session(GraphLink):
             for entry in status.values:
                 if entry.key == "sbus_frames":
                     self._radio_frames = int(entry.value)
+                elif entry.key == "lost_peers":
+                    self._lost_peers = entry.value.split()
 
     def _on_drives(self, drives: DriveStatusArray) -> None:
         self.drives = drives

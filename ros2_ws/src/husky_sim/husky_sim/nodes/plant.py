@@ -450,6 +450,7 @@ class Plant(Node):
                 "imu_to_target_ms_p50": percentile_ms(np.array(self._latencies), 50),
                 "imu_to_target_ms_p99": percentile_ms(np.array(self._latencies), 99),
                 "peer_losses": sum(peer.losses for peer in peers),
+                "lost_peers": " ".join(lost),
                 "trajectory_sha256": self._world.trajectory_sha256,
             },
         )
