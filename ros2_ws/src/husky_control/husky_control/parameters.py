@@ -64,7 +64,7 @@ _GAINS: dict[str, Parameter] = {
     "wair.slope_filter": _P(0.15, 0.0, 2.0, "s", "Time constant of the measured incline"),
     "wair.lean_rate": _P(0.6, 0.05, 3.0, "rad/s", "How fast the body follows the measured incline"),
     "wair.lean_ahead": _P(0.30, 0.0, 0.6, "rad", "With fixed fans, how much further than the slope the body pitches ahead from 45 deg on; times tan(slope) below"),
-    "wair.lean_sink": _P(0.13, 0.0, 0.15, "m", "How much lower such a body walks"),
+    "wair.lean_sink": _P(0.11, 0.0, 0.15, "m", "How much lower such a body walks"),
     "wair.crouch_time": _P(0.6, 0.2, 5.0, "s", "Time to crouch when the fans are lost on an incline"),
     "foothold.velocity_gain": _P(0.15, 0.0, 0.4, "s", "Foothold displacement per velocity error"),
     "foothold.reach": _P(0.35, 0.0, 0.5, "m", "Most displacement of a foothold from its nominal place"),

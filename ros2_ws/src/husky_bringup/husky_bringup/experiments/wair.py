@@ -28,7 +28,7 @@ _PUSH = 0.1
 """Duration of a push [s]."""
 _STOPPING, _STANDING = 2.0, 3.0
 """Time to come to a stop on the slope, and then to stand there [s]."""
-_SHARE = {"vector": 0.32 / 0.7, "body_z": 0.25 / 0.7}
+_SHARE = {"vector": 0.32 / 0.7, "body_z": 0.22 / 0.7}
 """Of the ground's friction, which the feet are to use in each thrust mode [-]."""
 _ROUGH = 0.7
 """Friction from which on more of it is not used [-]."""
