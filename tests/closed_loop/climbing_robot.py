@@ -1,4 +1,4 @@
-"""The robot on a ramp in one process, and its planner; vectored thrust as a force behind a lag."""
+"""The robot on a ramp in one process, and its planner; the thrust is a force behind a lag."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ PLAN_INTERVALS = 20
 
 
 class ClimbingRobot(InProcessRobot):
-    """A robot whose fans push in any direction at its centre of mass.
+    """A robot whose fans push in any direction at its centre of mass, or along its z axis alone.
 
     Attributes:
         fans: they are armed and follow.
@@ -39,12 +39,18 @@ class ClimbingRobot(InProcessRobot):
     """
 
     def __init__(
-        self, slope_deg: float, seed: int = 0, *, blend: float = BLEND, **options: float
+        self,
+        slope_deg: float,
+        seed: int = 0,
+        *,
+        blend: float = BLEND,
+        mounting: str = "vectoring",
+        **options: float,
     ):
         """On the flat before a slope whose foot has a radius; options of `WorldOptions` beside."""
         self.slope, self.blend = math.radians(slope_deg), blend
         ground = TerrainOptions(kind="ramp", slope=self.slope, approach=APPROACH, blend=blend)
-        robot = load_robot(fans__mounting="vectoring")
+        robot = load_robot(fans__mounting=mounting)
         super().__init__(WorldOptions(terrain=ground, seed=seed, **options), robot)
         self.fans = True
         self.limit = math.inf
@@ -52,6 +58,7 @@ class ClimbingRobot(InProcessRobot):
         self._rotation = np.eye(3)
         self._in_base = np.zeros(3)
         self._commands = [np.zeros(3)] * DELAY
+        self._directions = np.array([1.0, 1.0, 1.0] if mounting == "vectoring" else [0.0, 0.0, 1.0])
         self.planner: Planner | None = None
         self._query: PlanQuery | None = None
         self._plan: Plan | None = None
@@ -64,6 +71,7 @@ class ClimbingRobot(InProcessRobot):
         matrix_from_quaternion(self.world.base_orientation, self._rotation)
         self._commands.append(self.controller.thrust_in_base.copy())
         asked = self._commands.pop(0) if self.fans else np.zeros(3)
+        asked = asked * self._directions
         self._in_base += (asked - self._in_base) * graph.TICK_PERIOD / LAG
         self.thrust = self._rotation @ self._in_base
         self.world.data.body("base").xfrc_applied[:3] = self.thrust

@@ -126,3 +126,18 @@ def test_with_a_fan_lost_it_walks_down_around_the_foot_of_the_slope_to_the_flat(
     assert robot.world.base_position[0] < 0.0
     # A leg that jerks feels a ground that is not there.
     assert high > 2000 and felt == 0
+
+
+def test_fixed_fans_carry_it_up_45_degrees():
+    """The body leans so far ahead that the thrust along its own axis holds it."""
+    robot = ClimbingRobot(45.0, blend=3.0, mounting="fixed")
+    robot.controller.parameters.set("wair.load_slope", 0.22)
+    robot.start()
+    robot.run(14.0, (SPEED, 0.0, 0.0))
+    assert robot.controller.mode.value == "wair", robot.controller.reason
+    assert math.degrees(robot.controller.climbing.slope) == pytest.approx(45.0, abs=2.0)
+    start = robot.world.base_position.copy()
+    ratios = forces_on(robot, 3.0, SPEED)
+    assert (robot.world.base_position - start) @ robot.uphill > 0.8 * 3.0 * SPEED
+    assert (ratios < 0.98 * 0.7).mean() >= 0.95
+    assert math.degrees(robot.lean) > 50.0
