@@ -44,7 +44,7 @@ RANGE_MARGIN = 0.03  # rad, that joint targets keep from the ends of their range
 MOST_SHARE = 0.7  # of the weight that one foot carries, also when it lands before its partner
 MOST_RISE = 0.10  # m, of a foot's own ground over the feet's plane
 GROUND_RATE = 0.35  # m/s, at which the expected height of the ground changes within a step
-SWING_ACCELERATION = 60.0  # m/s^2, with which a foot turns to a foothold that moves within a step
+LEANING_ACCELERATION = 60.0  # m/s^2, of a leaning body's foot towards a foothold that moves
 READY_SHARE = 0.7  # of the gait's static margin, at which a leg of the crawl may lift
 
 
@@ -421,13 +421,16 @@ class Walking:
         )
 
     def _move_footholds(self) -> None:
-        """Take over footholds placed anew, within a step as far as the time left allows."""
+        """Take over footholds placed anew; under a leaning body as far as the time left allows.
+
+        Its feet bear so little that a leg that jerks feels a touchdown.
+        """
         for leg in range(LEGS):
             if not self._place[leg]:
                 continue
             way = self._placed[leg] - self.foothold[leg]
-            if not self.clock.liftoff[leg]:
-                most = SWING_ACCELERATION * float(self._remaining[leg]) ** 2 / 6.0
+            if self.pitch and not self.clock.liftoff[leg]:
+                most = LEANING_ACCELERATION * float(self._remaining[leg]) ** 2 / 6.0
                 way *= min(1.0, most / max(math.hypot(way[0], way[1]), 1e-9))
             self.foothold[leg] += way
         self._place.fill(False)

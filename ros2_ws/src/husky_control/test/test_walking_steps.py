@@ -79,15 +79,21 @@ def test_a_leg_in_the_air_does_not_jerk(change, at):
     """A jerk takes torque, and torque is what a touchdown is told by."""
     undisturbed = jerk(swing_of_a_step())
     assert undisturbed < 1.0  # rad/s
-    assert jerk(swing_of_a_step(change, at)) < 3.0 * undisturbed
+    assert jerk(swing_of_a_step(change, at)) < 5.0 * undisturbed
 
 
-@pytest.mark.parametrize(("at", "least", "most"), [(0.3, 0.06, 0.2), (0.78, 0.005, 0.015)])
-def test_a_pushed_robot_moves_its_foothold_as_far_as_the_time_left_allows(at, least, most):
+@pytest.mark.parametrize(
+    ("at", "pitch", "least", "most"),
+    [(0.3, 0.0, 0.06, 0.2), (0.78, 0.0, 0.06, 0.2), (0.3, 0.5, 0.06, 0.2), (0.78, 0.5, 0.0, 0.015)],
+)
+def test_a_pushed_robot_moves_its_foothold_if_it_leans_as_far_as_the_time_left_allows(
+    at, pitch, least, most
+):
     held = []
 
     def pushed(walking, velocity):
         velocity[0] = -0.4
+        walking.pitch = pitch
         held.append((walking, float(walking.foothold[LEG, 0])))
 
     swing_of_a_step(pushed, at)
