@@ -43,6 +43,8 @@ _POINTS = 1600
 _DPI = 110
 _CLOSE_LOOK = 2.0
 """Length of the closer look at a few steps [s]."""
+_STEPPING = ("walk", "wair", "tread")
+"""Modes in which the legs step."""
 
 
 @dataclass(frozen=True)
@@ -250,8 +252,11 @@ def span_of(recording: Recording) -> tuple[float, float]:
 
 
 def close_look(recording: Recording) -> tuple[float, float]:
-    """Return two seconds in the middle of the longest walk, or of the whole recording."""
-    walks = [band for band in modes_of(recording) if band.mode == "walk"]
+    """Return two seconds in the middle of the longest walk, or of the whole recording.
+
+    A walk is any time in which the legs step: also up a slope, or in ropes.
+    """
+    walks = [band for band in modes_of(recording) if band.mode in _STEPPING]
     longest = max(walks, key=lambda band: band.end - band.start, default=None)
     start, end = (longest.start, longest.end) if longest else span_of(recording)
     if end - start <= _CLOSE_LOOK:

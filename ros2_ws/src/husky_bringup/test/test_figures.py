@@ -103,6 +103,22 @@ def test_bands_follow_mode_and_gait(recording: Recording, walk: Any) -> None:
     assert Band(0.0, 1.0, "stand_up", "trot").label == "stand up"
 
 
+@pytest.mark.parametrize("mode", ["wair", "tread"])
+def test_the_closer_look_is_at_steps(
+    tmp_path: Path, messages: Any, write_bag: Any, mode: str
+) -> None:
+    modes = ["hang"] * 600 + [mode] * 300 + ["hang"] * 100
+    write_bag(
+        tmp_path / "bag",
+        [
+            (graph.CONTROLLER_STATE, messages.controller_state(i * 10_000_000, now))
+            for i, now in enumerate(modes)
+        ],
+    )
+    start, end = close_look(Recording(tmp_path / "bag"))
+    assert 6.0 < start < end < 9.0
+
+
 def test_thinning_keeps_the_extremes() -> None:
     time = np.arange(100_000) / 500.0
     values = np.sin(time)
