@@ -1,4 +1,4 @@
-"""Plans a gait cycle on a slope and draws it: python scripts/plan_incline.py 45 [body_z]."""
+"""Plans a gait cycle on a slope and draws it: python scripts/plan_incline.py [DEGREES] [body_z]."""
 
 import math
 import sys
@@ -8,7 +8,8 @@ from husky_control.collocation.planner import default_planner
 from husky_control.collocation.request import PlanRequest
 from husky_description.robot import load_robot
 
-degrees, mode = float(sys.argv[1]), (sys.argv[2:] or ["vector"])[0]
+degrees = float(sys.argv[1]) if len(sys.argv) > 1 else 45.0
+mode = sys.argv[2] if len(sys.argv) > 2 else "vector"
 request = PlanRequest(math.radians(degrees), speed=0.3, thrust_mode=mode, gait="climb")
 plan = default_planner(load_robot()).plan(request)
 plan.save("plan.npz")
