@@ -12,8 +12,8 @@ from husky_bringup.figure_style import LEG_COLOURS, TIME, TRUTH, label, legend, 
 from husky_control.plan import Plan
 from husky_description.robot import LEGS
 
-AXIS_COLOURS = ("#1f6fb4", "#1b998b", "#d1495b")
-"""Along the slope, across, out of it."""
+AXES = {"along the slope": "#6a3d9a", "across": "#8c8c8c", "out of the slope": "#a0522d"}
+"""Axes of the slope frame and their colours, none of which is a leg's."""
 
 
 def draw_plan(plan: Plan, path: Path | str) -> Path:
@@ -52,7 +52,8 @@ def _body(plan: Plan, axis: Axes) -> None:
     nominal[:, 0] = plan.speed * plan.time
     nominal[:, 2] = plan.height
     _three(axis, plan.time, 1e3 * (plan.position - nominal))
-    label(axis, "from nominal [mm]", TIME, "centre of mass: along, across, out of the slope")
+    label(axis, "from nominal [mm]", TIME, "centre of mass")
+    axis.legend(frameon=False)
 
 
 def _forces(plan: Plan, axis: Axes) -> None:
@@ -67,9 +68,11 @@ def _forces(plan: Plan, axis: Axes) -> None:
 
 def _thrust(plan: Plan, axis: Axes) -> None:
     _three(axis, plan.time, plan.thrust)
-    axis.plot(plan.time, np.linalg.norm(plan.thrust, axis=1), color=TRUTH, linewidth=1.5)
-    axis.axhline(plan.thrust_limit, color=TRUTH, linewidth=0.8, linestyle=":")
-    label(axis, "thrust [N]", TIME, "thrust: along, across, out of the slope; size; limit (dotted)")
+    size = np.linalg.norm(plan.thrust, axis=1)
+    axis.plot(plan.time, size, color=TRUTH, linewidth=1.5, label="size")
+    axis.axhline(plan.thrust_limit, color=TRUTH, linewidth=0.8, linestyle=":", label="limit")
+    label(axis, "thrust [N]", TIME, "thrust")
+    axis.legend(frameon=False)
 
 
 def _cone(plan: Plan, axis: Axes) -> None:
@@ -85,5 +88,5 @@ def _cone(plan: Plan, axis: Axes) -> None:
 
 
 def _three(axis: Axes, time: np.ndarray, values: np.ndarray) -> None:
-    for column, colour in enumerate(AXIS_COLOURS):
-        axis.plot(time, values[:, column], color=colour)
+    for column, (name, colour) in enumerate(AXES.items()):
+        axis.plot(time, values[:, column], color=colour, label=name)
