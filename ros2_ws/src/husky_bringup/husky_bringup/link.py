@@ -20,8 +20,8 @@ from husky_description import graph
 from husky_description.nodes import qos
 
 _START_PERIOD = 180.0
-"""Wall time that the graph may take to come up [s]: the first time nodes compile, and a machine that
-has much else to do took more than 60 s for it. A node that ends is told at once."""
+"""Wall time that the graph may take to come up [s]: the first time nodes compile, and a machine
+that has much else to do took more than 60 s for it. A node that ends is told at once."""
 _PROBE_PERIOD = 1.0
 """Wall time after which a first request is made again [s]."""
 ANSWER_PERIOD = 45.0
