@@ -73,18 +73,36 @@ def bends_and_slower(walking, velocity):
     velocity[0] -= 0.15
 
 
-@pytest.mark.parametrize("change", [bends, bends_and_slower])
+@pytest.mark.parametrize(
+    ("change", "pitch", "most"),
+    [
+        (bends, 0.0, 3.0),
+        (bends, 0.5, 3.0),
+        (bends_and_slower, 0.0, 3.1),  # a level body's foothold moves at once
+        (bends_and_slower, 0.5, 3.0),
+    ],
+)
 @pytest.mark.parametrize("at", [0.55, 0.78, 0.9])
-def test_a_leg_in_the_air_does_not_jerk(change, at):
+def test_a_leg_in_the_air_does_not_jerk(change, pitch, most, at):
     """A jerk takes torque, and torque is what a touchdown is told by."""
+
+    def disturbed(walking, velocity):
+        walking.pitch = pitch
+        change(walking, velocity)
+
     undisturbed = jerk(swing_of_a_step())
     assert undisturbed < 1.0  # rad/s
-    assert jerk(swing_of_a_step(change, at)) < 5.0 * undisturbed
+    assert jerk(swing_of_a_step(disturbed, at)) < most * undisturbed
 
 
 @pytest.mark.parametrize(
     ("at", "pitch", "least", "most"),
-    [(0.3, 0.0, 0.06, 0.2), (0.78, 0.0, 0.06, 0.2), (0.3, 0.5, 0.06, 0.2), (0.78, 0.5, 0.0, 0.015)],
+    [
+        (0.3, 0.0, 0.06, 0.2),
+        (0.78, 0.0, 0.06, 0.2),
+        (0.3, 0.5, 0.06, 0.2),
+        (0.78, 0.5, 0.005, 0.015),
+    ],
 )
 def test_a_pushed_robot_moves_its_foothold_if_it_leans_as_far_as_the_time_left_allows(
     at, pitch, least, most
