@@ -86,7 +86,7 @@ def ros2(request: pytest.FixtureRequest) -> Ros2:
 
 
 # Time for the graph to be seen on a busy machine; the stand-in is done earlier where it can.
-PATIENT = ("--spin-time", "2", "--no-daemon")
+PATIENT = ("--spin-time", "5", "--no-daemon")
 
 JOINTS = """\
 header:
@@ -317,6 +317,25 @@ def test_published_messages_arrive(ros2: Ros2, sample: None) -> None:
     assert "publishing #2: " in said
     received = ros2("topic", "echo", "/received", "--once", "--field", "twist.linear.x", *PATIENT)
     assert received.stdout == "1.0\n---\n"
+
+
+def test_echo_waits_for_a_publisher_where_it_sees_only_another_subscriber(ros2: Ros2) -> None:
+    """What is latched reaches only a subscriber that asks for it, as the publisher offers it."""
+    message = ("-1", "-w", "0", "/late", "std_msgs/String", "{data: once}")
+    latched = ("--qos-durability", "transient_local", "--spin-time", "0", "--keep-alive", "60")
+    other = ros2.start("topic", "echo", "/late", "std_msgs/String")
+    started = [other]
+    try:
+        while ros2("topic", "type", "/late", *PATIENT).returncode != 0:
+            assert other.poll() is None
+        started.append(ros2.start("topic", "echo", "/late", "--once", "--spin-time", "10"))
+        time.sleep(2.0)
+        started.append(ros2.start("topic", "pub", *message, *latched))
+        assert started[1].communicate(timeout=60)[0] == "data: once\n---\n"
+    finally:
+        for process in started:
+            process.kill()
+            process.communicate()
 
 
 def test_rate_is_reported_every_second_until_interrupted(ros2: Ros2, sample: None) -> None:

@@ -20,7 +20,7 @@ def published_class(
 
     With wait, wait until somebody has; unless quiet, say that nobody has.
     """
-    discover(node, spin_time, lambda: class_in_graph(node, topic) is not None)
+    discover(node, spin_time, lambda: is_published(node, topic))
     found = class_in_graph(node, topic)
     if found is None and not quiet:
         print(f"WARNING: topic [{topic}] does not appear to be published yet")
@@ -28,6 +28,14 @@ def published_class(
         time.sleep(0.1)
         found = class_in_graph(node, topic)
     return found
+
+
+def is_published(node: Node, topic: str) -> bool:
+    """Whether a publisher of the topic is known; its subscribers alone also make it known.
+
+    Raises RuntimeError as class_in_graph does.
+    """
+    return class_in_graph(node, topic) is not None and node.count_publishers(topic) > 0
 
 
 def class_in_graph(node: Node, topic: str) -> Any:
