@@ -323,6 +323,7 @@ def test_echo_waits_for_a_publisher_where_it_sees_only_another_subscriber(ros2: 
     """What is latched reaches only a subscriber that asks for it, as the publisher offers it."""
     message = ("-1", "-w", "0", "/late", "std_msgs/String", "{data: once}")
     latched = ("--qos-durability", "transient_local", "--spin-time", "0", "--keep-alive", "60")
+    briefly = ("--spin-time", "1", "--no-daemon")
     looking = ("--spin-time", "10", "--no-daemon")
     other = ros2.start("topic", "echo", "/late", "std_msgs/String")
     started = [other]
@@ -330,7 +331,9 @@ def test_echo_waits_for_a_publisher_where_it_sees_only_another_subscriber(ros2: 
         while ros2("topic", "type", "/late", *PATIENT).returncode != 0:
             assert other.poll() is None
         started.append(ros2.start("topic", "echo", "/late", "--once", *looking))
-        time.sleep(2.0)
+        # The two echoes and this listing itself: both look, and nobody has published yet.
+        while ros2("node", "list", "-a", *briefly).stdout.count("/_ros2cli_") < 3:
+            assert started[1].poll() is None
         started.append(ros2.start("topic", "pub", *message, *latched))
         assert started[1].communicate(timeout=60)[0] == "data: once\n---\n"
     finally:

@@ -37,9 +37,6 @@ _RELAY = Path(__file__).with_name("relay.py")
 _RELAY_TICKS = 4000
 _COMMAND_PERIOD = 0.08
 """Wall time between two velocity commands [s]; the graph gives up after 0.5 s of its own time."""
-_TAKEN_AT_ONCE = 8
-_QUEUED = 60
-"""At least as many messages as wait in all queues of the session."""
 
 
 def bench(arguments: list[str]) -> dict[str, Any]:
@@ -158,7 +155,7 @@ class _Probe:
 
     def simulated(self) -> float:
         """Newest simulated time [s]."""
-        self._take(_QUEUED)
+        self._take(qos.STATUS.depth)
         stamp = self._session.truth.header.stamp
         return stamp.sec + 1e-9 * stamp.nanosec
 
@@ -173,12 +170,12 @@ class _Probe:
         end = time.monotonic() + seconds
         while time.monotonic() < end:
             self._session.publish_twist(twist)
-            self._take(_TAKEN_AT_ONCE)
+            self._take(1)
             time.sleep(_COMMAND_PERIOD)
 
-    def _take(self, messages: int) -> None:
-        """Take some of the messages that wait."""
-        for _ in range(messages):
+    def _take(self, count: int) -> None:
+        """Take up to so many of the messages that wait in each queue."""
+        for _ in range(count * len(list(self._session._node.subscriptions))):
             self._session._executor.spin_once(timeout_sec=0.0)
 
 
