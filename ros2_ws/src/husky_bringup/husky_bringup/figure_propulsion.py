@@ -90,15 +90,15 @@ def unit_attitude(recording: Recording, robot: Robot, directory: Path) -> Path:
 
 
 def fans(recording: Recording, robot: Robot, directory: Path) -> Path:
-    """Thrust, all together and each, speed of the rotors and pulses."""
+    """Thrust, all together (whichever way it points) and each, speed of the rotors and pulses."""
     truth = recording.fans
     figure, axes = make_figure(4, 1, "Fans", size=(13.0, 9.5), sharex=True)
     total, each, speed, pulses = axes[:, 0]
-    line(total, truth.time, truth.force[:, 2], TRUTH, linewidth=1.4)
+    line(total, truth.time, np.linalg.norm(truth.force, axis=1), TRUTH, linewidth=1.4)
     entries = [*leg_entries(robot.legs), ("all", {"color": TRUTH})]
     if recording.has(graph.PROPULSION_COMMAND):
         commands = recording.propulsion_commands
-        wanted = np.where(commands.kind > 0, commands.force[:, 2], 0.0)
+        wanted = np.where(commands.kind > 0, np.linalg.norm(commands.force, axis=1), 0.0)
         line(total, commands.time, wanted, DESIRED, linestyle="--")
         entries.append(("commanded", {"color": DESIRED, "linestyle": "--"}))
     for index, colour in enumerate(LEG_COLOURS):

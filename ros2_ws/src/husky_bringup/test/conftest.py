@@ -101,11 +101,11 @@ class Messages:
     def quaternion(self, turn: Rotation) -> Any:
         return self._make("Quaternion", turn.as_quat())
 
+    def vector(self, values: Iterable[float]) -> Any:
+        return self._make("Vector3", values)
+
     def wrench(self, force: Iterable[float], torque: Iterable[float]) -> Any:
-        make = self._make
-        return self._types["geometry_msgs/msg/Wrench"](
-            make("Vector3", force), make("Vector3", torque)
-        )
+        return self._types["geometry_msgs/msg/Wrench"](self.vector(force), self.vector(torque))
 
     def joint_states(self, time_ns: int, position: Any, velocity: Any, effort: Any) -> bytes:
         return self.pack(
@@ -137,7 +137,7 @@ class Messages:
         )
         twist = make["geometry_msgs/msg/TwistWithCovariance"](
             make["geometry_msgs/msg/Twist"](
-                self._make("Vector3", velocity), self._make("Vector3", rate)
+                self.vector(velocity), self.vector(rate)
             ),
             np.zeros(36),
         )
@@ -154,7 +154,7 @@ class Messages:
             "husky_msgs/msg/FootContacts",
             stamp=self.stamp(time_ns),
             contact=np.asarray(contact, np.bool_),
-            force=[self._make("Vector3", row) for row in force],
+            force=[self.vector(row) for row in force],
             position=[self._make("Point", row) for row in position],
         )
 
@@ -306,6 +306,8 @@ class UnitFlight:
     charge, charge_rate = 0.95, -0.002
     voltage_noise = 0.004
     thrust = 3.0
+    force = 4 * thrust * np.array([np.sin(0.3), 0.0, np.cos(0.3)])
+    unheeded = (0.0, 0.0, 7.0)
 
     def is_taut(self, time: float) -> bool:
         return any(start - 1e-9 <= time < end - 1e-9 for start, end in self.taut)
@@ -353,7 +355,7 @@ class UnitFlight:
                     battery_voltage=voltage,
                     battery_current=current,
                     battery_charge=charge,
-                    wrench=messages.wrench((0.0, 0.0, thrust.sum()), (0.1, 0.2, 0.3)),
+                    wrench=messages.wrench(self.force * flying, (0.1, 0.2, 0.3)),
                     rope_taut=np.array([self.is_taut(time), False]),
                 ),
             )
@@ -367,6 +369,16 @@ class UnitFlight:
                 graph.T265_ODOMETRY,
                 messages.odometry(time_ns, eye, seen.as_quat(), zeros, zeros),
             )
+            if step % 10 == 0:
+                yield (
+                    graph.PROPULSION_COMMAND,
+                    pack(
+                        "husky_msgs/msg/PropulsionCommand",
+                        stamp=stamp,
+                        kind=2 * flying,
+                        force=messages.vector(self.force if flying else self.unheeded),
+                    ),
+                )
             if step % 2 == 0:
                 north = Rotation.from_euler("z", self.compass)
                 yield (

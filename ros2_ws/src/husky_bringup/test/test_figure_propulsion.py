@@ -111,6 +111,9 @@ def test_fans(
 ) -> None:
     figure_propulsion.fans(recording, ROBOT, tmp_path)
     total, each, speed, pulses = drawn["fans"].axes
-    assert total.lines[0].get_ydata()[-1] == 4 * unit_flight.thrust
+    for line in total.lines:
+        flown = line.get_xdata() >= unit_flight.spin_up - 1e-9
+        assert np.allclose(line.get_ydata(), np.where(flown, 4 * unit_flight.thrust, 0.0))
+    assert len(total.lines) == 2
     assert [len(axis.lines) for axis in (each, speed, pulses)] == [4, 4, 4]
     assert pulses.lines[2].get_ydata().max() == 1300

@@ -28,7 +28,7 @@ def test_tables_hold_what_was_recorded(recording: Recording, unit_flight: Any) -
     assert len(fans) == 601
     assert len(state) == 301
     assert np.allclose(fans.thrust[300], unit_flight.thrust)
-    assert np.allclose(fans.force[300], [0.0, 0.0, 4 * unit_flight.thrust])
+    assert np.allclose(fans.force[300], unit_flight.force)
     assert np.allclose(fans.moment[300], [0.1, 0.2, 0.3])
     assert fans.rope_taut.shape == (601, 2)
     assert fans.rope_taut.dtype == np.bool_
