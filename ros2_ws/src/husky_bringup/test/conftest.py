@@ -136,9 +136,7 @@ class Messages:
             np.zeros(36),
         )
         twist = make["geometry_msgs/msg/TwistWithCovariance"](
-            make["geometry_msgs/msg/Twist"](
-                self.vector(velocity), self.vector(rate)
-            ),
+            make["geometry_msgs/msg/Twist"](self.vector(velocity), self.vector(rate)),
             np.zeros(36),
         )
         return self.pack(
