@@ -99,8 +99,8 @@ def lockstep(seconds: float, *, with_unit: bool = False) -> dict[str, float]:
         _free_run(Path(directory), with_unit=with_unit) as session,
     ):
         probe = _Probe(session)
-        start, start_cpu = time.monotonic(), cpu_seconds(session.processes, session.specs)
-        start_simulated = probe.simulated()
+        start, start_simulated = time.monotonic(), probe.simulated()
+        start_cpu = cpu_seconds(session.processes, session.specs)
         probe.walk_for(seconds)
         wall = time.monotonic() - start
         simulated = probe.simulated() - start_simulated

@@ -26,6 +26,8 @@ from husky_description.robot import JOINT_NAMES, load_robot
 
 MESSAGES = Path(__file__).resolve().parents[2] / "husky_msgs" / "msg"
 FOREVER = QosTime(9223372036, 854775807)
+NONE, WRENCH = 0, 2
+"""Kinds of a PropulsionCommand."""
 
 
 def profile(reliability: QosReliability, depth: int) -> Qos:
@@ -305,7 +307,9 @@ class UnitFlight:
     voltage_noise = 0.004
     thrust = 3.0
     force = 4 * thrust * np.array([np.sin(0.3), 0.0, np.cos(0.3)])
+    """Of all fans in base, flying [N]: they push aside, so that no axis has it all."""
     unheeded = (0.0, 0.0, 7.0)
+    """Of the commands of kind NONE, before the flight [N]."""
 
     def is_taut(self, time: float) -> bool:
         return any(start - 1e-9 <= time < end - 1e-9 for start, end in self.taut)
@@ -373,7 +377,7 @@ class UnitFlight:
                     pack(
                         "husky_msgs/msg/PropulsionCommand",
                         stamp=stamp,
-                        kind=2 * flying,
+                        kind=WRENCH if flying else NONE,
                         force=messages.vector(self.force if flying else self.unheeded),
                     ),
                 )
