@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import json
+import math
 import os
 import subprocess
 import sys
@@ -35,6 +36,10 @@ from husky_description.nodes import qos
 
 _RELAY = Path(__file__).with_name("relay.py")
 _RELAY_TICKS = 4000
+_REALTIME = ("imu_to_target_ms_p50", "imu_to_target_ms_p99", "overruns")
+"""Of the plant's reports on `/diagnostics`."""
+_START = 60.0
+"""Wall time that a graph has for its start in real time [s]."""
 _COMMAND_PERIOD = 0.08
 """Wall time between two velocity commands [s]; the graph gives up after 0.5 s of its own time."""
 
@@ -207,8 +212,9 @@ def realtime(seconds: float) -> dict[str, float]:
         for status in array.status:
             if status.name == graph.PLANT:
                 for pair in status.values:
-                    with contextlib.suppress(ValueError):
-                        seen[pair.key] = float(pair.value)
+                    # Latencies are nan until the first target has come.
+                    if pair.key in _REALTIME and math.isfinite(value := float(pair.value)):
+                        seen[pair.key] = value
 
     context = rclpy.Context()
     rclpy.init(context=context)
@@ -218,13 +224,14 @@ def realtime(seconds: float) -> dict[str, float]:
         node.create_subscription(DiagnosticArray, graph.DIAGNOSTICS, on_diagnostics, qos.STATUS)
         executor = SingleThreadedExecutor(context=context)
         executor.add_node(node)
-        end = time.monotonic() + seconds + 5.0
+        give_up = time.monotonic() + _START
+        while len(seen) < len(_REALTIME):
+            executor.spin_once(timeout_sec=0.1)
+            if time.monotonic() > give_up:
+                raise TimeoutError(f"{graph.PLANT} did not report {_REALTIME} within {_START} s")
+        end = time.monotonic() + seconds
         while time.monotonic() < end:
             executor.spin_once(timeout_sec=0.1)
         node.destroy_node()
     rclpy.shutdown(context=context)
-    return {
-        "realtime_imu_to_target_ms_p50": seen.get("imu_to_target_ms_p50", float("nan")),
-        "realtime_imu_to_target_ms_p99": seen.get("imu_to_target_ms_p99", float("nan")),
-        "realtime_overruns": seen.get("overruns", float("nan")),
-    }
+    return {f"realtime_{key}": seen[key] for key in _REALTIME}

@@ -34,7 +34,7 @@ def main(arguments: list[str]) -> int:
     metrics = BENCHES[arguments[0]](arguments[1:])
     for key, value in metrics.items():
         print(f"  {key} = {value:.4g}" if isinstance(value, float) else f"  {key} = {value}")
-    print(json.dumps({"bench": arguments[0], "metrics": metrics}))
+    print(json.dumps({"bench": arguments[0], "metrics": metrics}, allow_nan=False))
     return 0
 
 
