@@ -3,14 +3,14 @@
 # With HUSKY_TIME it writes the parameters of every node, from husky_bringup's table, to HUSKY_PARAMETERS first:
 #   HUSKY_TIME       lockstep or realtime
 #   HUSKY_SETTINGS   more parameters, NODE.PARAMETER=VALUE, separated by spaces
-# `scenario NAME` plays a scenario of husky_bringup.scenario on the robot that these describe.
+# `scenario NAME` plays a scenario of husky_experiments.scenario on the robot that these describe.
 set -euo pipefail
 . /opt/husky/scripts/env.sh
 
 read -r -a settings <<< "${HUSKY_SETTINGS:-}"
 robot=(--time "${HUSKY_TIME:-realtime}" "${settings[@]/#/--set=}")
 if [ "${1:-}" = scenario ]; then
-    exec python -m husky_bringup.scenario "${@:2}" "${robot[@]}"
+    exec python -m husky_experiments.scenario "${@:2}" "${robot[@]}"
 fi
 if [ -n "${HUSKY_TIME:-}" ]; then
     python -m husky_bringup.parameter_file "${robot[@]}" > "$HUSKY_PARAMETERS"

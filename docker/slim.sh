@@ -29,5 +29,5 @@ for library in .venv/lib/*.so.* "$site"/casadi/*.so.*; do
     done
 done
 . scripts/env.sh
-python -c 'import rclpy, husky_msgs.msg, mujoco, numba, scipy.spatial, rosbags, husky_bringup.session'
+python -c 'import rclpy, husky_msgs.msg, mujoco, numba, scipy.spatial, rosbags, husky_experiments.session'
 python -c 'import casadi; x = casadi.SX.sym("x"); casadi.nlpsol("s", "ipopt", {"x": x, "f": x**2})(x0=1)' > /dev/null

@@ -1,6 +1,6 @@
 # Source this (bash or zsh): `. scripts/env.sh` gives a shell in which the whole project works. Made possible by setup.sh.
 # What is already set is respected: ROS_DOMAIN_ID, ROS_AUTOMATIC_DISCOVERY_RANGE, RMW_IMPLEMENTATION,
-# FASTRTPS_DEFAULT_PROFILES_FILE, MUJOCO_GL, NUMBA_CACHE_DIR, OPENBLAS_NUM_THREADS, ROS_LOG_DIR.
+# FASTRTPS_DEFAULT_PROFILES_FILE, NUMBA_CACHE_DIR, OPENBLAS_NUM_THREADS, ROS_LOG_DIR; and MUJOCO_GL, by what draws.
 
 _husky_prepend() { # variable, directory: put the directory first, and nowhere else
     eval "_husky_old=:\${$1:-}:"
@@ -39,6 +39,34 @@ _husky_workspace() { # ros2_ws: its install space on every search path, its pack
     _husky_prepend AMENT_PREFIX_PATH "$1/install"
 }
 
+_husky_own_directory() { # directories: the first that is ours to write in, made if need be
+    local directory
+    for directory in "$@"; do
+        # What is cached is run: no directory that somebody else has made.
+        if mkdir -p "$directory" 2> /dev/null && [ -w "$directory" ] && [ -O "$directory" ]; then
+            break
+        fi
+    done
+    echo "$directory"
+}
+
+# One machine, one robot: do not meet the neighbours' graph, nor listen to them, unless asked to.
+_husky_discovery() { # directory of the profiles
+    local range="${ROS_AUTOMATIC_DISCOVERY_RANGE:-LOCALHOST}" profiles="${FASTRTPS_DEFAULT_PROFILES_FILE:-}"
+    if [ "$profiles" = "$1/fastdds_loopback.xml" ] && [ "$range" = SYSTEM_DEFAULT ]; then
+        range=LOCALHOST # said below, when this file was sourced before
+    fi
+    case "$profiles" in
+        "" | "$1"/*)
+            profiles="$1/fastdds.xml"
+            case "$range,$RMW_IMPLEMENTATION,${ROS_STATIC_PEERS:-}" in
+                LOCALHOST,rmw_fastrtps_*,) profiles="$1/fastdds_loopback.xml" range=SYSTEM_DEFAULT ;; # that is: as the file says
+            esac
+            ;;
+    esac
+    export ROS_AUTOMATIC_DISCOVERY_RANGE="$range" FASTRTPS_DEFAULT_PROFILES_FILE="$profiles"
+}
+
 _husky_env() { # this file's path
     local root venv underlay options="$-"
     [ -z "${ZSH_VERSION:-}" ] || emulate -L sh
@@ -69,18 +97,18 @@ _husky_env() { # this file's path
     _husky_prepend PATH "$venv/bin"
     _husky_workspace "$root/ros2_ws"
 
-    # One machine, one robot: do not meet the neighbours' graph unless asked to.
-    export ROS_AUTOMATIC_DISCOVERY_RANGE="${ROS_AUTOMATIC_DISCOVERY_RANGE:-LOCALHOST}"
     export RMW_IMPLEMENTATION="${RMW_IMPLEMENTATION:-rmw_fastrtps_cpp}"
-    export FASTRTPS_DEFAULT_PROFILES_FILE="${FASTRTPS_DEFAULT_PROFILES_FILE:-$root/scripts/fastdds.xml}"
+    _husky_discovery "$root/scripts"
     # A dozen processes on few cores: no BLAS thread pool in each of them.
     export OPENBLAS_NUM_THREADS="${OPENBLAS_NUM_THREADS:-1}"
-    export NUMBA_CACHE_DIR="${NUMBA_CACHE_DIR:-$root/.cache/numba}"
-    if [ -z "${DISPLAY:-}${WAYLAND_DISPLAY:-}" ]; then
-        export MUJOCO_GL="${MUJOCO_GL:-egl}"
+    # A tree that cannot be written works too: what is compiled in it already goes along.
+    export NUMBA_CACHE_DIR="${NUMBA_CACHE_DIR:-$(_husky_own_directory "$root/.cache/numba" \
+        "${XDG_CACHE_HOME:-${HOME:-/nonexistent}/.cache}/husky/numba" "${TMPDIR:-/tmp}/husky-numba-$(id -u)")}"
+    if [ ! -w "$root/.cache/numba" ] && [ -z "$(ls -A "$NUMBA_CACHE_DIR" 2> /dev/null)" ]; then
+        cp -R "$root/.cache/numba/." "$NUMBA_CACHE_DIR" 2> /dev/null || true
     fi
     if [ ! -w "${HOME:-/nonexistent}" ]; then
-        export ROS_LOG_DIR="${ROS_LOG_DIR:-$root/log/ros}"
+        export ROS_LOG_DIR="${ROS_LOG_DIR:-$(_husky_own_directory "$root/log/ros" "${TMPDIR:-/tmp}/husky-log-$(id -u)")}"
     fi
 
     # Last on PATH: wherever a genuine ros2 command exists, or comes to exist, it is the one that runs.
@@ -95,6 +123,6 @@ else
     _husky_env "${BASH_SOURCE[0]}"
 fi
 _husky_status=$?
-unset -f _husky_env _husky_prepend _husky_ros_from_wheels _husky_workspace
+unset -f _husky_env _husky_discovery _husky_own_directory _husky_prepend _husky_ros_from_wheels _husky_workspace
 unset _husky_old
 eval "unset _husky_status; return $_husky_status" 2> /dev/null

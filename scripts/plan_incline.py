@@ -3,10 +3,15 @@
 import math
 import sys
 
-from husky_bringup.figure_plan import draw_plan
-from husky_control.collocation.planner import default_planner
-from husky_control.collocation.request import PlanRequest
-from husky_description.robot import load_robot
+from husky_bringup.front import end_by_signals
+
+end_by_signals()
+
+# What follows takes a second to import.
+from husky_control.planning.collocation.planner import default_planner  # noqa: E402
+from husky_control.planning.collocation.request import PlanRequest  # noqa: E402
+from husky_description.robot import load_robot  # noqa: E402
+from husky_experiments.figures.plan import draw_plan  # noqa: E402
 
 degrees = float(sys.argv[1]) if len(sys.argv) > 1 else 45.0
 mode = sys.argv[2] if len(sys.argv) > 2 else "vector"

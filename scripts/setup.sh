@@ -41,7 +41,14 @@ fail() {
 
 say() { printf 'setup: %s\n' "$*"; }
 
-start_log() { # once a run: what earlier runs did is of no interest
+# Before anything is written. A log once a run: what earlier runs did is of no interest.
+start_log() { # what will be written
+    local directory
+    for directory in "$root" "$root/log" "$venv" "$workspace"; do
+        [ ! -e "$directory" ] || [ -w "$directory" ] \
+            || fail "$1 would have to be made, but $directory cannot be written: run this where it can, or as its owner"
+    done
+    mkdir -p "$root/log"
     [ -n "${log_started:-}" ] || date > "$log"
     log_started=yes
 }
@@ -161,10 +168,10 @@ environment_identity() { # underlay, python
     } | sha256sum | cut -d ' ' -f 1
 }
 
-environment_hash() { # identity
+environment_hash() { # identity, lists of packages
     {
         echo "$1"
-        cat "${lists[@]}" "$requirements/ros_jazzy.txt" "$root/scripts/relocate_wheels.py" "${BASH_SOURCE[0]}"
+        cat "${@:2}" "$requirements/ros_jazzy.txt" "$root/scripts/relocate_wheels.py" "${BASH_SOURCE[0]}"
     } | sha256sum | cut -d ' ' -f 1
 }
 
@@ -172,10 +179,11 @@ environment_hash() { # identity
 # Python modules and data files are linked, so that editing them needs no build.
 workspace_hash() {
     (
-        cd "$workspace/src"
-        find . \( -name __pycache__ -o -name '.*_cache' -o -name '*.egg-info' -o -name test \) -prune -o -type f \
-            ! -path './*/husky_*/*.py' ! -name '*.pyc' -print | LC_ALL=C sort
-        find . \( -name '*.msg' -o -name '*.srv' -o -name '*.action' -o -name package.xml -o -name setup.py -o -name setup.cfg \
+        echo "$lacking"
+        cd "$workspace"
+        find src $lacking \( -name __pycache__ -o -name '.*_cache' -o -name '*.egg-info' -o -name test \) -prune -o -type f \
+            ! -path 'src/*/husky_*/*.py' ! -name '*.pyc' -print | LC_ALL=C sort
+        find src $lacking \( -name '*.msg' -o -name '*.srv' -o -name '*.action' -o -name package.xml -o -name setup.py -o -name setup.cfg \
             -o -name CMakeLists.txt \) -type f -print0 | LC_ALL=C sort -z | xargs -0 -r cat
     ) | sha256sum | cut -d ' ' -f 1
 }
@@ -208,6 +216,23 @@ make_environment() { # underlay, python, identity
     fi
 }
 
+# Interfaces of ROS that the ROS in use lacks, as its wheels do: directories of ros2_ws. One that it has is never shadowed.
+lacking_interfaces() {
+    local package prefix found prefixes
+    IFS=: read -r -a prefixes <<< "$AMENT_PREFIX_PATH"
+    for package in "$workspace"/underlay/*/package.xml; do
+        [ -f "$package" ] || continue
+        package="$(basename "$(dirname "$package")")"
+        found=""
+        for prefix in "${prefixes[@]}"; do
+            if [ "$prefix" != "$workspace/install" ] && [ -e "$prefix/share/ament_index/resource_index/packages/$package" ]; then
+                found=yes
+            fi
+        done
+        [ -n "$found" ] || printf '%s ' "underlay/$package"
+    done
+}
+
 # A package or an interface that is gone from src must not live on in the install space: rosidl would link to it.
 drop_stale_builds() {
     local built source
@@ -216,6 +241,7 @@ drop_stale_builds() {
         source="$workspace/src/${built#"$workspace"/install/share/}"
         [ -f "$built" ] || source="$workspace/src/$(basename "$built")"
         [ ! -e "$source" ] || continue
+        case " $lacking " in *" underlay/$(basename "$built") "*) continue ;; esac
         rm -rf "$workspace/build" "$workspace/install"
         return
     done
@@ -226,10 +252,10 @@ build_workspace() {
     drop_stale_builds
     say "colcon build of ros2_ws ..."
     local plain
-    plain="$(cd "$workspace" && colcon list 2>> "$log" | grep -v '(ros\.' || true)"
+    plain="$(cd "$workspace" && colcon list --base-paths src $lacking 2>> "$log" | grep -v '(ros\.' || true)"
     [ -z "$plain" ] || fail "package.xml is not valid, colcon takes the package for plain Python: $plain"
     cd "$workspace"
-    logged colcon build --merge-install --symlink-install \
+    logged colcon build --merge-install --symlink-install --base-paths src $lacking \
         --cmake-args -DBUILD_TESTING=OFF -DCMAKE_BUILD_TYPE=Release "-DPython3_EXECUTABLE=$venv/bin/python"
     cd "$root"
 }
@@ -239,8 +265,8 @@ main() {
         *[[:space:]:\;\'\"]*) fail "ROS's build tools cannot work in a path with spaces, quotes or colons: move $root" ;;
     esac
     trap 'printf "setup: interrupted; run it again to go on\n" >&2; exit 130' INT TERM
-    mkdir -p "$root/log"
-    if command -v flock > /dev/null 2>&1; then # two at once would build into each other
+    # Two at once would build into each other. Where nothing can be written there is nothing to lock.
+    if command -v flock > /dev/null 2>&1 && { mkdir -p "$root/log" && (: > "$root/log/setup.lock"); } 2> /dev/null; then
         exec 9> "$root/log/setup.lock"
         flock -n 9 || { say "waiting for another setup.sh to finish"; flock 9; }
     fi
@@ -254,10 +280,10 @@ main() {
     underlay="$(find_underlay)"
     python="$(find_python "$underlay")"
     identity="$(environment_identity "$underlay" "$python")"
-    wanted="$(environment_hash "$identity")"
+    wanted="$(environment_hash "$identity" "${lists[@]}")"
     if [ "$(cat "$venv/stamp" 2> /dev/null)" != "$wanted" ]; then
         check_tools "$python"
-        start_log
+        start_log "the virtual environment .venv"
         make_environment "$underlay" "$python" "$identity"
         echo "$wanted" > "$venv/stamp"
         did=yes
@@ -268,13 +294,15 @@ main() {
     fi
 
     . "$root/scripts/env.sh"
-    wanted="$wanted $(workspace_hash)"
+    lacking="$(lacking_interfaces)"
+    # Whatever else is installed beside build.txt and runtime.txt, what is built is the same.
+    wanted="$(environment_hash "$identity" "${lists[@]:0:2}") $(workspace_hash)"
     if [ "$(cat "$workspace/install/stamp" 2> /dev/null)" != "$wanted" ]; then
         check_tools "$python"
-        start_log
+        start_log "the build of ros2_ws"
         build_workspace
         . "$root/scripts/env.sh"
-        logged "$venv/bin/python" -c 'import rclpy, husky_msgs.msg'
+        logged "$venv/bin/python" -c "import rclpy, husky_msgs.msg${lacking:+, tf2_msgs.msg}"
         echo "$wanted" > "$workspace/install/stamp"
         did=yes
     fi

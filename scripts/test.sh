@@ -1,15 +1,13 @@
 #!/usr/bin/env bash
 # Sets up if needed and tests. Ends with pytest's summary line; the exit code is 0 only when everything passed.
 #
-#   scripts/test.sh                     lint, types, every test, coverage of the pure parts
+#   scripts/test.sh                     lint, types, every test
 #   scripts/test.sh [pytest arguments]  these tests only, e.g. scripts/test.sh ros2_ws/src/husky_control -k gait
 #   scripts/test.sh --docker            the graph across containers, on the Docker engine that is there; where there is none
-#                                       root gets one of its own (tests/docker/engine.sh). With CI=true they run before all others
-set -euo pipefail
-
-root="$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd -P)"
-"$root/scripts/setup.sh"
-. "$root/scripts/env.sh"
+#                                       root gets one of its own (tests/docker/engine.sh). With CI=true they run beside all others
+#
+# Without arguments the test files run side by side, one for each processor (HUSKY_TEST_WORKERS says how many).
+. "$(dirname "${BASH_SOURCE[0]}")/front.sh"
 
 if [ "${1:-}" = --docker ]; then
     export HUSKY_DOCKER=yes
@@ -23,22 +21,15 @@ if [ $# -gt 0 ]; then
 fi
 
 cd "$root"
-code=0
-check() { # name, command
-    local name="$1"
-    shift
-    if "$@"; then
-        echo "$name: passed"
-    else
-        echo "$name: FAILED (the tests follow; the exit code will tell)"
-        code=1
-    fi
-}
-check ruff ruff check --output-format concise .
-check mypy mypy --exclude '(^|/)nodes/' ros2_ws/src/husky_*/husky_*
-# In a process of their own: Fast DDS looks for network interfaces once, and these make one.
+# Who runs below this shell ends with it, also when it is killed (husky_runtime.starter).
+status="$(< "/proc/$$/stat")"
+read -r -a status <<< "${status##*) }"
+export HUSKY_STARTER="$$:${status[19]}"
+# A graph is a chain of processes, of which about one runs at a time: it keeps one processor busy, not two.
+workers="${HUSKY_TEST_WORKERS:-$(nproc)}"
+[ "$workers" -le 4 ] || workers=4 # what they start needs memory too
 if [ "${CI:-}" = true ]; then
-    HUSKY_DOCKER=yes python -m pytest tests/docker || code=$?
+    export HUSKY_DOCKER=yes
+    workers=$((workers + 1)) # the tests across containers have one to themselves: tests/side_by_side.py
 fi
-python -m pytest --cov --cov-report=term:skip-covered || code=$?
-exit "$code"
+in_turn python -m pytest -n "$workers" --dist loadfile

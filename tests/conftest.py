@@ -1,5 +1,6 @@
 """Shared by tests of processes, whose helpers it makes importable under import mode importlib."""
 
+import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -9,6 +10,44 @@ import pytest
 
 _HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(_HERE), str(_HERE.parent / "ros2_ws/src/husky_pu/test")]
+pytest.register_assert_rewrite("node_faults")
+
+_LONG_ONES_FIRST = (
+    "tests/docker",
+    "tests/graph/propulsion",
+    "tests/graph",
+    "tests/closed_loop",
+    "ros2_ws/src/husky_control",
+    "tests",
+)
+"""So that no worker is left with a long file when the others have nothing any more."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The order of files when they are handed out to several workers, and when they are not.
+
+    Those that share a graph (a fixture `..._of_module`) follow one another.
+    """
+    shared: dict[Path, str] = {}
+    for item in items:
+        for name in getattr(item, "fixturenames", ()):
+            if name.endswith("_of_module"):
+                shared.setdefault(item.path, name)
+
+    def rank(item: pytest.Item) -> tuple[bool, int, str]:
+        ranks = (i for i, start in enumerate(_LONG_ONES_FIRST) if item.nodeid.startswith(start))
+        place = next(ranks, len(_LONG_ONES_FIRST))
+        return "realtime" in item.path.name, place, shared.get(item.path, "")
+
+    items.sort(key=rank)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """Several workers: who runs what."""
+    from side_by_side import SideBySide
+
+    return SideBySide(config, log, docker=os.environ.get("HUSKY_DOCKER", "") == "yes")
 
 
 @pytest.fixture(scope="module")

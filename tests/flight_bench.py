@@ -4,9 +4,9 @@ import socket
 
 from node_bench import DeviceThread, NodeBench
 
-from husky_description import graph
-from husky_description.nodes import qos, stamps
 from husky_msgs.msg import FanCommand, FlightSensors
+from husky_runtime import graph, qos
+from husky_runtime.nodes import stamps
 
 VOLTAGE = 24.5
 

@@ -11,21 +11,28 @@ from pathlib import Path
 
 import pytest
 
-from husky_description import graph
+from husky_runtime import graph
 
 _DOMAINS = range(20, 100)
 
 
 @contextlib.contextmanager
 def own_domain(name: str) -> Iterator[int]:
-    """Hold a domain, and have it in the environment: the same each time, unless it is taken.
+    """Hold a domain, and have it in the environment."""
+    with held_domain(name) as number, pytest.MonkeyPatch.context() as patch:
+        patch.setenv("ROS_DOMAIN_ID", str(number))
+        yield number
+
+
+@contextlib.contextmanager
+def held_domain(name: str) -> Iterator[int]:
+    """Hold a domain: the same each time, unless it is taken.
 
     Args:
         name: who wants it.
     """
     worker = os.environ.get("PYTEST_XDIST_WORKER", "")
     first = zlib.crc32(f"{worker}{name}".encode()) % len(_DOMAINS)
-    before = os.environ.get("ROS_DOMAIN_ID")
     for offset in range(len(_DOMAINS)):
         number = _DOMAINS[(first + offset) % len(_DOMAINS)]
         directory = Path(graph.serial_port("tests", number)).parent
@@ -39,13 +46,7 @@ def own_domain(name: str) -> Iterator[int]:
                 lock.close()
             continue
         locks[1].close()  # the plant's
-        os.environ["ROS_DOMAIN_ID"] = str(number)
-        try:
+        with locks[0]:
             yield number
-        finally:
-            locks[0].close()
-            os.environ.pop("ROS_DOMAIN_ID")
-            if before is not None:
-                os.environ["ROS_DOMAIN_ID"] = before
         return
     pytest.fail(f"ROS domains {_DOMAINS} are all in use")

@@ -8,27 +8,32 @@ from typing import Any
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from std_srvs.srv import Trigger
 
-from husky_bringup.scripts import FIRST_SAMPLES, walk
-from husky_bringup.session import Session, SessionError
-from husky_description import graph
-from husky_description.nodes import qos, stamps
+from husky_experiments.scripts import FIRST_SAMPLES, walk
+from husky_experiments.session import Session, SessionError
 from husky_msgs.msg import ServoCommand, ServoState
+from husky_runtime import graph, qos
+from husky_runtime.nodes import stamps
 
-GRACE = 1.0
+GRACE = 2.0
 """Wall time after which the nodes give up a silent peer in these tests [s]."""
 TORQUE_PERIOD = 0.1
 """No joint may get a torque later than this after its command source has died [s]."""
+QUICKLY = {"stand.duration": 0.8, "stand.joint_speed": 5.0}
+"""Parameters of the controller: it stands up in 1 s instead of 3."""
 SETTINGS = {
     graph.PLANT: {"grace": GRACE, "seed": 1},
     graph.DRIVE_BRIDGE: {"grace": GRACE},
-    graph.LOW_LEVEL_CONTROLLER: {"grace": GRACE, "stand.duration": 1.0, "stand.joint_speed": 3.0},
+    graph.LOW_LEVEL_CONTROLLER: {"grace": GRACE, **QUICKLY},
 }
 """Parameters of a graph that is to be broken."""
 _SPEED = 0.3
+_WARM_UP = 0.6
+"""After so long a trot from standing is as it will be: nearly two of its periods [s]."""
 
 
 class Tap:
@@ -36,6 +41,7 @@ class Tap:
 
     def __init__(self, node: Node, kind: type, topic: str):
         profile = QoSProfile(depth=4000, reliability=qos.CONTROL.reliability)
+        self._node = node
         self._subscription = node.create_subscription(kind, topic, lambda message: None, profile)
         self.messages: list[Any] = []
 
@@ -53,6 +59,10 @@ class Tap:
         self.drain()
         self.messages.clear()
 
+    def close(self) -> None:
+        """Keep nothing any more."""
+        self._node.destroy_subscription(self._subscription)
+
 
 class Robot:
     """The running graph as a test sees it: from outside, in simulated time."""
@@ -61,6 +71,7 @@ class Robot:
         self.session = session
         # not in the session's executor: nobody wakes up for its messages
         self._ear = Node("ear", context=session.context)
+        self._taps: list[Tap] = []
         self._states = self.tap(ServoState, graph.SERVO_STATE)
         self._commands = self.tap(ServoCommand, graph.SERVO_COMMAND)
         self.reports: dict[str, DiagnosticStatus] = {}
@@ -73,7 +84,13 @@ class Robot:
 
     def tap(self, kind: type, topic: str) -> Tap:
         """Return a tap on a topic of every tick."""
-        return Tap(self._ear, kind, topic)
+        self._taps.append(Tap(self._ear, kind, topic))
+        return self._taps[-1]
+
+    def close_taps(self) -> None:
+        """Close all taps but the robot's own: whoever has made them has gone."""
+        while len(self._taps) > 2:
+            self._taps.pop().close()
 
     def close(self) -> None:
         """Leave the graph; its nodes run on."""
@@ -111,6 +128,13 @@ class Robot:
         """Whether the robot stands on its feet and all is well, as `recover` leaves it."""
         s = self.session
         return s.drives is not None and s.drives.operational and self.mode == "stand"
+
+    @property
+    def trots(self) -> bool:
+        """Whether the robot walks and all is well."""
+        drives = self.session.drives
+        upright = 0.5 < self.height < 0.6
+        return drives is not None and drives.operational and self.mode == "walk" and upright
 
     def torques(self) -> tuple[np.ndarray, np.ndarray]:
         """Return times [s] and the largest motor current at each [A], since `watch`."""
@@ -172,6 +196,24 @@ class Robot:
             self.session.advance(step)
         return self.session.time - start
 
+    def until_damped(self) -> None:
+        """Advance little by little until a controller that was lost damps the joints."""
+        self._reported("damping")
+        drives = self.session.drives
+        assert not drives.operational and not drives.emergency_stop, self.seen
+
+    def _reported(self, mode: str) -> None:
+        """Advance little by little until the controller reports a mode.
+
+        The world does not wait for a controller that was lost, and may be far ahead of it.
+        """
+
+        def reported() -> bool:
+            self.session.advance(0.02)
+            return self.mode == mode
+
+        self.session.wait_for(reported, f"the mode {mode}")
+
     def reported(self, node: str, *texts: str) -> DiagnosticStatus:
         """Wait until a node says one of these on /diagnostics; the world stands still meanwhile."""
         self.reports.pop(node, None)
@@ -196,6 +238,20 @@ class Robot:
         self._refusal = "" if response.success else str(response.message)
         return self._refusal
 
+    def ask(self, kind: Any, service: str, **fields: Any) -> Any:
+        """Call any service of the graph as a stranger to the session; return its answer."""
+        context = self.session.context
+        node, executor = Node("asker", context=context), SingleThreadedExecutor(context=context)
+        executor.add_node(node)
+        client = node.create_client(kind, service)
+        assert client.wait_for_service(60.0), f"there is no {service}; {self.seen}"
+        future = client.call_async(kind.Request(**fields))
+        executor.spin_until_future_complete(future, timeout_sec=60.0)
+        assert future.done(), f"{service} does not answer; {self.seen}"
+        executor.shutdown()
+        node.destroy_node()
+        return future.result()
+
     def enable(self) -> None:
         """What an operator does after a fault: passive, reset faults, enable."""
         s = self.session
@@ -203,7 +259,8 @@ class Robot:
         s.advance(0.04)  # until the controller has reported its mode of now
         self.until(lambda: self.mode != "", "the controller's state", within=1.0)
         if self.mode != "passive":
-            s.set_mode("passive", within=1.0)
+            s.set_mode("passive")
+            self._reported("passive")
         self.until(self._may_enable, "drives that can be enabled", within=2.0)
         assert self.mode == "passive", self.seen
 
@@ -211,7 +268,7 @@ class Robot:
         """Enable the drives and stand up."""
         self.enable()
         self.session.set_mode("stand_up", patience=FIRST_SAMPLES)
-        self.until(lambda: self.mode == "stand", "stand", within=10.0)
+        self.until(lambda: self.mode == "stand", "stand", within=10.0, step=0.05)
         assert self.height > 0.5, self.seen
 
     def recover(self) -> None:
@@ -243,9 +300,9 @@ class Robot:
         return False
 
     def trot(self) -> None:
-        """Trot for a while, from standing."""
+        """Trot for a while, from standing or on."""
         self.session.set_gait("trot")
-        walk(self.session, 1.0, (_SPEED, 0.0, 0.0))
+        walk(self.session, _WARM_UP, (_SPEED, 0.0, 0.0))
         assert self.mode == "walk", self.seen
 
     def start_again(self) -> None:

@@ -10,7 +10,6 @@ ROOT = Path(__file__).resolve().parents[1]
 SOURCES = ROOT / "ros2_ws/src"
 DOCUMENTS = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *SOURCES.glob("*/*.md")])
 LINK = re.compile(r"\[[^\]]*\]\((?!https?:)([^)#\s]*)(#[^)\s]*)?\)")
-MARK = re.compile(r"\bT\d{1,2}\b")
 PACKAGES = sorted(path.parent.name for path in SOURCES.glob("*/setup.py"))
 
 
@@ -27,26 +26,6 @@ def test_links_lead_somewhere(path):
         assert file.exists(), f"{target} of {path.name}"
         if anchor:
             assert anchor[1:] in headings(file), f"{target}{anchor} of {path.name}"
-
-
-def test_every_mark_of_the_thesis_is_explained():
-    explained = set(MARK.findall((ROOT / "docs/bibliography.md").read_text()))
-    suffixes = (".py", ".yaml", ".msg", ".srv")
-    files = [path for path in SOURCES.glob("husky_*/**/*") if path.suffix in suffixes]
-    for path in (*files, *DOCUMENTS):
-        unknown = set(MARK.findall(path.read_text())) - explained
-        assert not unknown, f"{path.relative_to(ROOT)} cites {sorted(unknown)}"
-
-
-def test_every_experiment_and_benchmark_is_described():
-    text = (ROOT / "docs/experiments.md").read_text()
-    experiments = SOURCES / "husky_bringup/husky_bringup/experiments"
-    names = {path.stem for path in experiments.glob("*.py") if not path.stem.startswith("__")}
-    assert set(re.findall(r"^\| `scripts/experiment\.sh (\w+)", text, re.MULTILINE)) == names
-    tree = ast.parse((ROOT / "tests/benchmarks/run.py").read_text())
-    tables = [node.value for node in ast.walk(tree) if isinstance(node, ast.AnnAssign)]
-    benches = {ast.literal_eval(key) for table in tables for key in table.keys}
-    assert set(re.findall(r"^\| `scripts/bench\.sh (\w+)", text, re.MULTILINE)) == benches
 
 
 @pytest.mark.parametrize("package", PACKAGES)

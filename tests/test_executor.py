@@ -9,8 +9,8 @@ pytest.importorskip("rclpy")
 import rclpy
 from std_srvs.srv import Trigger
 
-from husky_description.nodes import executor as executors
-from husky_description.nodes.executor import WaitSetExecutor
+from husky_runtime.nodes import service_desk
+from husky_runtime.nodes.executor import WaitSetExecutor
 
 
 @pytest.fixture
@@ -33,7 +33,7 @@ def deaf(node, monkeypatch):
             send(response, header)
 
     monkeypatch.setattr(service, "send_response", send_response)
-    monkeypatch.setattr(executors, "_ANSWER_AGAIN", (0.01, 0.01, 0.01))
+    monkeypatch.setattr(service_desk, "_ANSWER_AGAIN", (0.01, 0.01, 0.01))
     return service
 
 

@@ -7,7 +7,7 @@ from node_bench import every, values_of
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import common as mavlink
 
-from husky_pu.sbus import encode, frame_of_pulses
+from husky_pu.radio.sbus import encode, frame_of_pulses
 
 pytestmark = pytest.mark.graph
 
@@ -146,3 +146,36 @@ def test_lockstep_waits_for_the_companion_while_it_takes_part(world):
     world.await_answer()
     world.tick(20)  # it falls silent: after the grace period time goes on
     assert world.time_ns == 70_000_000
+
+
+def test_parameters_outlast_the_process(domain, tmp_path):
+    file = tmp_path / "kept" / "pixhawk.parameters"
+
+    def value(world):
+        world.station.mav.param_request_read_send(1, 1, b"COM_OF_LOSS_T", -1)
+        return world.heard("PARAM_VALUE", lambda m: m.param_id == "COM_OF_LOSS_T").param_value
+
+    world = World(domain, tmp_path, parameter_file=str(file))
+    try:
+        world.tick()
+        world.station.mav.param_set_send(1, 1, b"COM_OF_LOSS_T", 0.75, 9)
+        world.wait(file.exists, "the file", world.tick)
+    finally:
+        world.close()
+    world = World(domain, tmp_path, parameter_file=str(file))
+    try:
+        world.tick()
+        assert value(world) == 0.75
+        values = world.wait_for_report(lambda report: True, "a report")
+        assert values["parameters_kept"] == "1"
+        file.unlink()
+        file.mkdir()  # nothing can be written there
+        world.station.mav.param_set_send(1, 1, b"COM_OF_LOSS_T", 0.5, 9)
+        text = world.heard("STATUSTEXT", lambda m: "not stored" in m.text)
+        assert text.severity == mavlink.MAV_SEVERITY_WARNING
+        world.wait_for_report(
+            lambda r: r.level == b"\1" and str(file) in r.message, "a warning", world.tick
+        )
+        assert value(world) == 0.5
+    finally:
+        world.close()

@@ -172,11 +172,8 @@ def test_env_sets_up_a_shell_from_anywhere(shell: str, tmp_path: Path) -> None:
     assert env["VIRTUAL_ENV"] == str(ROOT / ".venv")
     assert env["PATH"].split(":")[0] == str(ROOT / ".venv/bin")
     assert env["AMENT_PREFIX_PATH"].split(":")[0] == str(ROOT / "ros2_ws/install")
-    assert env["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
     assert env["RMW_IMPLEMENTATION"] == "rmw_fastrtps_cpp"
-    assert Path(env["FASTRTPS_DEFAULT_PROFILES_FILE"]).is_file()
-    assert env["MUJOCO_GL"] == "egl"
-    assert "ROS_DOMAIN_ID" not in env
+    assert not {"ROS_DOMAIN_ID", "MUJOCO_GL"} & env.keys()
     assert {"NUMBA_CACHE_DIR", "OPENBLAS_NUM_THREADS"} <= env.keys()
     assert not [name for name in env if name.startswith("_husky")]
 
@@ -203,8 +200,17 @@ def test_env_respects_what_is_set() -> None:
     assert {name: env[name] for name in mine} == mine
 
 
-def test_env_leaves_rendering_to_the_display_where_there_is_one() -> None:
-    assert "MUJOCO_GL" not in sourced(f". {SCRIPTS}/env.sh", DISPLAY=":0")
+def test_nothing_but_drawing_loads_opengl() -> None:
+    """Whatever MUJOCO_GL says, which what draws finds untouched."""
+    nodes = "husky_sim.world, husky_sim.nodes.plant"
+    modules = f"{nodes}, husky_experiments.run, husky_experiments.figures.video"
+    result = run(
+        "bash", "-c",
+        f". {SCRIPTS}/env.sh && python -c 'import os, sys, {modules}; "
+        """print(os.environ["MUJOCO_GL"], *{"OpenGL", "glfw"} & sys.modules.keys())'""",
+        MUJOCO_GL="egl",
+    )  # fmt: skip
+    assert result.stdout == "egl\n", result.stderr
 
 
 def test_env_can_be_sourced_twice_and_in_a_strict_shell() -> None:

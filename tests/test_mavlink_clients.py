@@ -1,33 +1,29 @@
 """Other people's MAVLink clients against the process `flight_controller`, over UDP.
 
 Two ground stations that share no code with this project: MAVSDK (C++) and MAVProxy (on pymavlink's
-own connection). `pip install mavsdk` brings no other package; MAVProxy brings a dozen.
+own connection).
 """
 
 import contextlib
-import importlib.util
+import json
 import re
 import subprocess
 import sys
+import time
 
 import numpy as np
 import pytest
 from flight_bench import VOLTAGE, RunningFlightBench, free_port
 from node_bench import environment, every, values_of
 
+import husky_pu
 from husky_description.robot import load_robot
-from husky_pu.flight_parameters import TABLE
-from husky_pu.mixer import Mixer
+from husky_pu.autopilot.flight_parameters import TABLE
+from husky_pu.autopilot.mixer import Mixer
 
 pytestmark = pytest.mark.graph
 
 MIXER = Mixer(load_robot())
-
-
-def needs(package):
-    return pytest.mark.skipif(
-        importlib.util.find_spec(package) is None, reason=f"{package} is not installed"
-    )
 
 
 @pytest.fixture
@@ -96,7 +92,6 @@ def mavsdk_client(component, connection):
         yield first_autopilot
 
 
-@needs("mavsdk")
 def test_mavsdk_as_a_ground_station(bench):
     from mavsdk.plugins.action import ActionError
     from mavsdk.plugins.offboard import OffboardError
@@ -127,7 +122,6 @@ def test_mavsdk_as_a_ground_station(bench):
         pilot.has_ended()
 
 
-@needs("mavsdk")
 def test_mavsdk_as_a_companion_that_is_spoken_to_first(domain, tmp_path):
     number = free_port()
     with mavsdk_client("COMPANION_COMPUTER", f"udpin://127.0.0.1:{number}") as autopilot:
@@ -142,16 +136,111 @@ def test_mavsdk_as_a_companion_that_is_spoken_to_first(domain, tmp_path):
             bench.close()
 
 
-@needs("MAVProxy")
+def download(bench, ftp, place, burst):
+    """Fetch a file by MAVSDK; return where it lies."""
+    results = []
+    place.mkdir()
+    ftp.download_async(
+        "/parameters.json", str(place), burst, lambda result, *_: results.append(result)
+    )
+    bench.wait(lambda: results and results[-1].name != "NEXT", "the file")
+    assert results[-1].name == "SUCCESS"
+    return place / "parameters.json"
+
+
+def test_mavsdk_is_told_what_there_is(bench, tmp_path):
+    from mavsdk.plugins.component_metadata import ComponentMetadata
+    from mavsdk.plugins.ftp import Ftp, FtpError
+    from mavsdk.plugins.info import Info
+    from mavsdk.plugins.telemetry import Telemetry
+
+    with mavsdk_client("GROUND_STATION", f"udpout://127.0.0.1:{bench.udp_port}") as autopilot:
+        system = autopilot()
+        version = Info(system).get_version()
+        told = (
+            version.flight_sw_vendor_major,
+            version.flight_sw_vendor_minor,
+            version.flight_sw_vendor_patch,
+        )
+        assert told == husky_pu.VERSION
+        times, telemetry = [], Telemetry(system)
+        telemetry.subscribe_unix_epoch_time(lambda microseconds, _: times.append(microseconds))
+        bench.wait(lambda: times, "the time")
+        assert times[-1] * 1e-6 == pytest.approx(time.time(), abs=3600.0)
+
+        ftp = Ftp(system)
+        names = {entry.name for entry in ftp.list_directory("/").entries}
+        assert names == {"general.json", "parameters.json"}
+        for burst in (False, True):
+            local = download(bench, ftp, tmp_path / str(burst), burst)
+            assert len(json.loads(local.read_text())["parameters"]) == len(TABLE)
+            assert ftp.are_files_identical(str(local), "/parameters.json")
+            assert not ftp.are_files_identical(str(local), "/general.json")
+        with pytest.raises(FtpError, match="FILE_PROTECTED"):
+            ftp.remove_file("/general.json")
+        with pytest.raises(FtpError, match="FILE_DOES_NOT_EXIST"):
+            ftp.list_directory("/none")
+
+        found, metadata = {}, ComponentMetadata(system)
+        metadata.subscribe_metadata_available(
+            lambda update, _: found.update({update.type.name: update.json_metadata})
+        )
+        metadata.request_autopilot_component()
+        bench.wait(lambda: "ALL_COMPLETED" in found, "the metadata")
+        assert json.loads(found["PARAMETER"])["parameters"][0]["name"] == next(iter(TABLE))
+
+
+def test_mavsdk_is_told_what_there_is_not(bench):
+    from mavsdk.plugins.log_files import LogFiles, LogFilesError
+    from mavsdk.plugins.mission_raw import MissionItem, MissionRaw, MissionRawError
+    from mavsdk.plugins.param import Param, ParamError, ProtocolVersion
+    from mavsdk.plugins.shell import Device, Shell
+
+    with mavsdk_client("GROUND_STATION", f"udpout://127.0.0.1:{bench.udp_port}") as autopilot:
+        system = autopilot()
+        parameters = Param(system)
+        with pytest.raises(ParamError, match="VALUE_OUT_OF_RANGE"):
+            parameters.set_param_float("COM_OF_LOSS_T", 100.0)
+        with pytest.raises(ParamError, match="DOES_NOT_EXIST"):
+            parameters.set_param_float("NO_SUCH", 1.0)
+        with pytest.raises(ParamError, match="DOES_NOT_EXIST"):
+            parameters.get_param_float("NO_SUCH")
+
+        with pytest.raises(LogFilesError, match="NO_LOGFILES"):
+            LogFiles(system).get_entries()
+
+        mission = MissionRaw(system)
+        with pytest.raises(MissionRawError, match="UNSUPPORTED"):
+            mission.upload_mission([MissionItem(0, 6, 16, 1, 1, 0.0, 0.0, 0.0, 0.0, 0, 0, 10.0, 0)])
+        assert mission.download_mission() == []
+        mission.clear_mission()
+
+        said, shell = [], Shell(system)
+        shell.subscribe_receive(lambda received, _: said.append(received.data))
+        shell.send("help", Device.SHELL)
+        bench.wait(lambda: "no shell" in "".join(said), "a word of the shell")
+
+        # The same parameters by the extended protocol; the binding takes its answer for an error.
+        with contextlib.suppress(ParamError):
+            parameters.select_component(1, ProtocolVersion.EXT)
+        listed = parameters.get_all_params()
+        assert len(listed.int_params) + len(listed.float_params) == len(TABLE)
+        parameters.set_param_float("COM_OF_LOSS_T", 0.5)
+        assert parameters.get_param_float("COM_OF_LOSS_T") == 0.5
+        with pytest.raises(ParamError):
+            parameters.set_param_float("COM_OF_LOSS_T", 100.0)
+
+
 def test_mavproxy(bench, tmp_path):
     address = f"udpout:127.0.0.1:{bench.udp_port}"
     command = [sys.executable, "-m", "MAVProxy.mavproxy", f"--master={address}"]
-    command += [f"--state-basedir={tmp_path}", "--default-modules=param,arm,mode,cmdlong"]
+    command += [f"--state-basedir={tmp_path}"]
+    command += ["--default-modules=link,param,arm,mode,cmdlong,ftp,log"]
     log = tmp_path / "log"
     with log.open("w") as output:
         process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=output, stderr=output, text=True,
-            cwd=tmp_path, env=environment(),
+            cwd=tmp_path, env=environment(PYTHONUNBUFFERED="1"),
         )  # fmt: skip
 
         def say(text):
@@ -173,6 +262,12 @@ def test_mavproxy(bench, tmp_path):
             bench.wait(lambda: heard(r"Received \d\d+ parameters"), "parameters")
             say("param show COM_OF_LOSS_T")
             bench.wait(lambda: heard(r"COM_OF_LOSS_T +1\.0"), "a parameter")
+            say("param set COM_OF_LOSS_T 100")
+            bench.wait(lambda: heard("AP: COM_OF_LOSS_T: must be 0 to 60"), "a refusal")
+            say("ftp get /parameters.json")
+            bench.wait(lambda: heard(r"Wrote \d+ bytes to parameters.json"), "a file")
+            say("log list")
+            bench.wait(lambda: heard("No logs"), "that there are no logs")
             stream(0, later(1.5), "a stream")
             say("long DO_SET_MODE 1 6")
             stream(0, lambda: heard("Mode OFFBOARD"), "OFFBOARD")
@@ -188,6 +283,10 @@ def test_mavproxy(bench, tmp_path):
             stream(0.25, lambda: heard(r"voltages : \[40\d\d, 40\d\d"), "the battery")
             say("disarm force")
             stream(0, lambda: heard("AP: Disarmed"), "disarmed")
+            say("link")
+            bench.wait(lambda: heard(r"link 1 OK .* 0 lost, 0\.0% loss"), "a link without losses")
+            assert not heard("timed out")
         finally:
             process.kill()
             process.wait()
+            print(log.read_text())

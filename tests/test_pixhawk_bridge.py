@@ -16,12 +16,12 @@ from scripted_autopilot import ScriptedAutopilot
 from sensor_msgs.msg import BatteryState
 from std_srvs.srv import SetBool, Trigger
 
-from husky_description import graph
-from husky_description.nodes import qos, stamps
 from husky_description.robot import load_robot
 from husky_msgs.msg import PropulsionCommand, PropulsionState
 from husky_msgs.srv import SetFlightMode
-from husky_pu.mixer import Mixer
+from husky_pu.autopilot.mixer import Mixer
+from husky_runtime import graph, qos
+from husky_runtime.nodes import stamps
 
 pytestmark = pytest.mark.graph
 

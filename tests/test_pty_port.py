@@ -9,10 +9,10 @@ import serial
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from husky_description.pty_port import PtyPort, receive
-from husky_drivers.vn200_binary import IMU_LAYOUT
-from husky_drivers.vn200_protocol import BAUDS, crc16
-from husky_drivers.vn200_stream import StreamParser
+from husky_drivers.vn200.binary import IMU_LAYOUT
+from husky_drivers.vn200.protocol import BAUDS, crc16
+from husky_drivers.vn200.stream import StreamParser
+from husky_runtime.ports.pty_port import PtyPort, receive
 
 ALL_BYTES = bytes(range(256))
 
@@ -164,8 +164,8 @@ def test_no_message_survives_another_rate(payload, pair):
     packet = IMU_LAYOUT.header + payload
     packet += crc16(packet[1:]).to_bytes(2, "big")
     for message in (packet, b"$VNASY,0*4F\r\n"):
-        assert StreamParser().feed(message)
-        assert not StreamParser().feed(receive(message * 3, sent, read) + bytes(600))
+        assert StreamParser(IMU_LAYOUT).feed(message)
+        assert not StreamParser(IMU_LAYOUT).feed(receive(message * 3, sent, read) + bytes(600))
 
 
 @pytest.mark.parametrize(

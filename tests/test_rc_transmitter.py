@@ -9,10 +9,10 @@ from node_bench import NodeBench, assert_refused, values_of
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Joy
 
-from husky_description import graph
-from husky_description.nodes import qos, stamps
-from husky_description.pty_port import PtyPort
-from husky_pu.sbus import BAUD, Channel, SbusParser
+from husky_pu.radio.sbus import BAUD, SbusChannel, SbusParser
+from husky_runtime import graph, qos
+from husky_runtime.nodes import stamps
+from husky_runtime.ports.pty_port import PtyPort
 
 pytestmark = pytest.mark.graph
 
@@ -44,7 +44,7 @@ class Bench(NodeBench):
         self.joy_publisher.publish(Joy(axes=axes, buttons=buttons))
 
     def clock(self, milliseconds):
-        """Publish a time and wait until every frame that it makes due is here."""
+        """Publish a time."""
         message = Clock()
         stamps.fill(message.clock, 1_000_000 * milliseconds)
         self.clock_publisher.publish(message)
@@ -78,14 +78,19 @@ def test_in_lockstep_each_14_ms_of_the_clock_has_its_frame(bench):
     for time_ms in range(10, 1010, 10):
         bench.clock(time_ms)
         due = (time_ms + 10) // 14
-        bench.wait(lambda due=due: len(bench.frames) >= due, f"frame {due} at {time_ms} ms")
+        bench.wait(
+            lambda due=due: len(bench.frames) >= due,
+            f"frame {due} at {time_ms} ms",
+            lambda time_ms=time_ms: bench.clock(time_ms),  # it may be lost
+        )
         assert len(bench.frames) == due
         sent = due
     assert sent == 72
     assert all(frame.failsafe for frame in bench.frames)  # there was no joystick
-    assert bench.frames[-1].pulses[Channel.THROTTLE] == 1000
-    bench.clock(10)  # the world is reset
-    bench.wait(lambda: len(bench.frames) > sent, "a frame of the new time")
+    assert bench.frames[-1].pulses[SbusChannel.THROTTLE] == 1000
+    bench.wait(  # the world is reset
+        lambda: len(bench.frames) > sent, "a frame of the new time", lambda: bench.clock(10)
+    )
     assert (bench.parser.garbage_bytes, bench.port.host_baud) == (0, BAUD)
 
 
@@ -95,13 +100,13 @@ def test_sticks_failsafe_and_a_line_that_vanishes(bench):
         lambda: bench.frames and not bench.frames[-1].failsafe, "sticks in a frame", bench.joy
     )
     found = bench.frames[-1].pulses
-    assert found[Channel.THROTTLE] == 1000
-    assert found[Channel.ROLL] == pytest.approx(1745, abs=1)
-    assert found[Channel.ARM] == 2000
+    assert found[SbusChannel.THROTTLE] == 1000
+    assert found[SbusChannel.ROLL] == pytest.approx(1745, abs=1)
+    assert found[SbusChannel.ARM] == 2000
     bench.wait(lambda: bench.frames[-1].failsafe, "failsafe without a joystick")
     assert bench.frames[-1].frame_lost
     bench.wait_for_report(
-        lambda report: "is nan" in values_of(report)["refusal"],
+        lambda report: values_of(report)["refused_messages"] != "0",
         "a report of a refused message",
         lambda: bench.joy([float("nan")] * 5),
     )

@@ -15,11 +15,11 @@ from nav_msgs.msg import Odometry
 from node_bench import SensorBench, assert_refused
 from scipy.spatial.transform import Rotation
 
-from husky_description import graph
-from husky_description.nodes import stamps
 from husky_description.robot import load_robot
-from husky_drivers.t265_frames import base_pose
-from husky_sim.t265_device import T265Device
+from husky_drivers.t265.frames import base_pose
+from husky_runtime import graph
+from husky_runtime.nodes import stamps
+from husky_sim.devices.t265.device import T265Device
 
 pytestmark = pytest.mark.graph
 

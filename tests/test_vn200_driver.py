@@ -13,11 +13,11 @@ from node_bench import SensorBench, assert_refused
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Imu
 
-from husky_description import graph
-from husky_description.nodes import stamps
 from husky_description.robot import load_robot
-from husky_drivers.vn200_imu import ImuFigures
-from husky_sim.vn200_device import Vn200Device, Vn200Options
+from husky_drivers.vn200.imu import ImuFigures
+from husky_runtime import graph
+from husky_runtime.nodes import stamps
+from husky_sim.devices.vn200.device import Vn200Device, Vn200Options
 
 pytestmark = pytest.mark.graph
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from husky_description import graph
+from husky_runtime import graph
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "closed_loop"))
 from in_process import InProcessRobot

@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from husky_description import graph
 from husky_description.robot import load_robot
-from husky_drivers.axes import settings_of
-from husky_drivers.master import Master, Phase
-from husky_sim.motor import Servos, ServoTiming
-from husky_sim.segment import SimulatedSegment
+from husky_drivers.ethercat.axes import settings_of
+from husky_drivers.ethercat.master import Master
+from husky_drivers.joint_master.phase import Phase
+from husky_runtime import graph
+from husky_sim.devices.drives.motor import Servos, ServoTiming
+from husky_sim.devices.drives.segment import SimulatedSegment
 
 
 def bench(arguments: list[str]) -> dict[str, Any]:

@@ -28,14 +28,15 @@ from geometry_msgs.msg import Twist
 from std_srvs.srv import SetBool
 
 from husky_bringup.processes import Processes
-from husky_bringup.scripts import assist, ready_fans, stand_up, walk
-from husky_bringup.session import Session
 from husky_bringup.system import simulated_robot
-from husky_description import graph
-from husky_description.nodes import qos
+from husky_experiments.scripts import assist, ready_fans, stand_up, walk
+from husky_experiments.session import Session
+from husky_runtime import graph, qos
+from husky_runtime.domain_locks import Claims
 
 _RELAY = Path(__file__).with_name("relay.py")
 _RELAY_TICKS = 4000
+_ROLES = (graph.PLANT, graph.VN200_DRIVER, graph.DRIVE_BRIDGE, graph.LOW_LEVEL_CONTROLLER)
 _REALTIME = ("imu_to_target_ms_p50", "imu_to_target_ms_p99", "overruns")
 """Of the plant's reports on `/diagnostics`."""
 _START = 60.0
@@ -79,15 +80,19 @@ def relay_tick_us(*, pipelined: bool) -> float:
     """
     environment = {**os.environ, "HUSKY_RELAY_PIPELINED": str(int(pipelined))}
     line = Path(relay.LINE)
-    line.unlink(missing_ok=True)
+    claims = Claims(environment)
     with contextlib.ExitStack() as stack:
+        # The relay's topics are the robot's own.
+        claims.take(_ROLES)
+        stack.callback(claims.give_up)
+        line.unlink(missing_ok=True)
         stack.callback(line.unlink, missing_ok=True)
-        for role in (graph.VN200_DRIVER, graph.DRIVE_BRIDGE, graph.LOW_LEVEL_CONTROLLER):
+        for role in _ROLES[1:]:
             process = subprocess.Popen([sys.executable, _RELAY, role], env=environment)
             stack.callback(process.wait)
             stack.callback(process.terminate)
         result = subprocess.run(
-            [sys.executable, _RELAY, graph.PLANT, str(_RELAY_TICKS)],
+            [sys.executable, _RELAY, _ROLES[0], str(_RELAY_TICKS)],
             env=environment,
             capture_output=True,
             text=True,

@@ -19,10 +19,10 @@ from std_srvs.srv import SetBool
 
 from husky_bringup.processes import Processes
 from husky_bringup.system import NodeSpec
-from husky_description import graph
-from husky_description.nodes import qos, stamps
 from husky_msgs.msg import FanCommand, FlightSensors, PropulsionCommand, PropulsionState
 from husky_msgs.srv import SetFlightMode
+from husky_runtime import graph, qos
+from husky_runtime.nodes import stamps
 
 os.environ.setdefault("MAVLINK20", "1")
 from pymavlink.dialects.v20 import common as mavlink

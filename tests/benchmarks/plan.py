@@ -13,9 +13,9 @@ import numpy as np
 from scipy.optimize import Bounds, NonlinearConstraint, minimize
 from scipy.sparse import csc_array, csr_array, triu
 
-from husky_control.collocation.cycle import make_formulation
-from husky_control.collocation.problem import Problem
-from husky_control.collocation.request import (
+from husky_control.planning.collocation.cycle import make_formulation
+from husky_control.planning.collocation.problem import Problem
+from husky_control.planning.collocation.request import (
     Machine,
     PlanRequest,
     cycle_model,
@@ -23,16 +23,15 @@ from husky_control.collocation.request import (
     first_guess,
     machine_of,
 )
-from husky_control.collocation.schedule import make_schedule
-from husky_control.collocation.solve import (
+from husky_control.planning.collocation.schedule import make_schedule
+from husky_control.planning.collocation.solve import (
     Guess,
     Solution,
     Solver,
-    decision_bounds,
-    row_bounds,
     start_arguments,
 )
-from husky_control.collocation.transcription import pack_numbers
+from husky_control.planning.collocation.transcription import pack_numbers
+from husky_control.planning.collocation.violations import decision_bounds, row_bounds
 from husky_description.robot import load_robot
 
 Array = Any

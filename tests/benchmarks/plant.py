@@ -6,14 +6,14 @@ import argparse
 import time
 from typing import Any
 
-import mujoco
 import numpy as np
 
-from husky_description import graph
+from husky_description.plain_mujoco import mujoco
 from husky_description.robot import load_robot
-from husky_drivers.vn200_imu import ImuFigures
-from husky_sim.motor import POSITION
-from husky_sim.vn200_device import Vn200Device
+from husky_drivers.vn200.imu import ImuFigures
+from husky_runtime import graph
+from husky_sim.devices.drives.servo_law import POSITION
+from husky_sim.devices.vn200.device import Vn200Device
 from husky_sim.world import World, WorldOptions
 
 

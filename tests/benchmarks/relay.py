@@ -23,11 +23,11 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import Imu, JointState
 
-from husky_description import graph
-from husky_description.nodes import qos, stamps
-from husky_description.nodes.executor import WaitSetExecutor
 from husky_description.robot import JOINT_NAMES
 from husky_msgs.msg import JointCommand, ServoCommand, ServoState
+from husky_runtime import graph, qos, starter
+from husky_runtime.nodes import stamps
+from husky_runtime.nodes.executor import WaitSetExecutor
 
 _IMU_PERIOD_NS = 1_250_000
 _IMU_BYTES = 54
@@ -197,6 +197,7 @@ def relay_imu() -> None:
 def main() -> None:
     """Run one role."""
     role = sys.argv[1]
+    starter.end_with_starter()
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     if role == graph.VN200_DRIVER:
         relay_imu()

@@ -14,6 +14,9 @@ import mavlink
 import plan
 import plant
 
+from husky_experiments.session import SessionError
+from husky_runtime.domain_locks import OccupiedError
+
 BENCHES: dict[str, Callable[[list[str]], dict[str, Any]]] = {
     "loop": loop.bench,
     "plan": plan.bench,
@@ -31,7 +34,11 @@ def main(arguments: list[str]) -> int:
         for name, bench in BENCHES.items():
             print(f"  {name:<8} {(bench.__doc__ or '').splitlines()[0]}")
         return 2
-    metrics = BENCHES[arguments[0]](arguments[1:])
+    try:
+        metrics = BENCHES[arguments[0]](arguments[1:])
+    except (OccupiedError, SessionError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
     for key, value in metrics.items():
         print(f"  {key} = {value:.4g}" if isinstance(value, float) else f"  {key} = {value}")
     print(json.dumps({"bench": arguments[0], "metrics": metrics}, allow_nan=False))

@@ -7,13 +7,13 @@ import math
 import numpy as np
 from in_process import InProcessRobot
 
-from husky_control.collocation.planner import Planner
-from husky_control.collocation.request import PlanRequest
-from husky_control.plan import Plan
-from husky_control.plan_query import PlanQuery, next_query
+from husky_control.incline.plan_query import PlanQuery, next_query
+from husky_control.planning.collocation.planner import Planner
+from husky_control.planning.collocation.request import PlanRequest
+from husky_control.planning.plan import Plan
 from husky_control.rotation import matrix_from_quaternion
-from husky_description import graph
 from husky_description.robot import load_robot
+from husky_runtime import graph
 from husky_sim.terrain import TerrainOptions
 from husky_sim.world import WorldOptions
 
@@ -69,7 +69,7 @@ class ClimbingRobot(InProcessRobot):
         self.measurements.fans_available = self.fans
         self.measurements.fans_limit = self.limit
         matrix_from_quaternion(self.world.base_orientation, self._rotation)
-        self._commands.append(self.controller.thrust_in_base.copy())
+        self._commands.append(self.controller.context.thrust_in_base.copy())
         asked = self._commands.pop(0) if self.fans else np.zeros(3)
         asked = asked * self._directions
         self._in_base += (asked - self._in_base) * graph.TICK_PERIOD / LAG

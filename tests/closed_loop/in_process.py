@@ -11,14 +11,16 @@ import time
 import numpy as np
 
 from husky_control.controller import Controller
+from husky_control.estimation.imu_mount import ImuMount
 from husky_control.tick_data import Measurements
-from husky_description import graph
 from husky_description.robot import Robot, load_robot
-from husky_drivers.axes import settings_of
-from husky_drivers.master import Master, Phase
-from husky_drivers.vn200_imu import ImuFigures
-from husky_sim.segment import SimulatedSegment
-from husky_sim.vn200_noise import ImuNoise
+from husky_drivers.ethercat.axes import settings_of
+from husky_drivers.ethercat.master import Master
+from husky_drivers.joint_master.phase import Phase
+from husky_drivers.vn200.imu import ImuFigures
+from husky_runtime import graph
+from husky_sim.devices.drives.segment import SimulatedSegment
+from husky_sim.devices.vn200.noise import ImuNoise
 from husky_sim.world import World, WorldOptions
 
 
@@ -43,7 +45,9 @@ class InProcessRobot:
         self._master.configure()
         self._master.start()
         self._noise = ImuNoise(ImuFigures.of(robot.imu), self.world.options.seed)
+        self._mount = ImuMount(robot)
         self.measurements = Measurements()
+        self._imu_time_ns = 0
         self.tick_seconds: list[float] = []
         self.refusal = ""
 
@@ -60,6 +64,7 @@ class InProcessRobot:
         m.joint_age_ticks = 1
         m.drives_operational = master.phase is Phase.ENABLED
         m.time = world.time_ns / 1e9
+        m.imu_age = (world.time_ns - self._imu_time_ns) / 1e9
         start = time.perf_counter()
         command = self.controller.tick(m)
         self.tick_seconds.append(time.perf_counter() - start)
@@ -75,10 +80,13 @@ class InProcessRobot:
             gx, gy, gz, ax, ay, az, hx, hy, hz = self._noise.next()
             x, y, z, w = sample.orientation
             q = np.array((x + hx * w, y + hy * w, z + hz * w, w))
-            m.orientation_base_in_world[:] = q / np.linalg.norm(q)
-            m.angular_velocity_base_in_base[:] = np.add(sample.angular_velocity, (gx, gy, gz))
-            m.specific_force_base[:] = np.add(sample.specific_force, (ax, ay, az))
-            m.imu_age = 0.0
+            seen = (
+                q / np.linalg.norm(q),
+                np.add(sample.angular_velocity, (gx, gy, gz)),
+                np.add(sample.specific_force, (ax, ay, az)),
+            )
+            self._imu_time_ns = sample.time_ns
+        self._mount.tell(*seen, m)
 
     def run(self, duration: float, velocity: tuple[float, float, float] | None = None) -> None:
         """Advance by a duration [s], with a velocity command (m/s, m/s, rad/s) every 0.2 s."""

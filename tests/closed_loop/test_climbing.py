@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from climbing_robot import ClimbingRobot
 
-from husky_control.collocation.planner import Planner
-from husky_control.collocation.request import machine_of
+from husky_control.planning.collocation.planner import Planner
+from husky_control.planning.collocation.request import machine_of
+from husky_description.gravity import GRAVITY
 
 SPEED = 0.25
 """Commanded in these tests [m/s]."""
@@ -47,7 +48,7 @@ def test_it_climbs_at_its_speed_inside_of_the_cone(on_slope):
     assert math.degrees(robot.lean) < 5.0
     # The slope was never told: it is felt.
     assert math.degrees(robot.controller.climbing.slope) == pytest.approx(40.0, abs=1.0)
-    weight = robot.controller.robot.mass * 9.80665
+    weight = robot.controller.robot.mass * GRAVITY
     ratio = robot.controller.parameters["wair.load_slope"]
     held = weight * math.sin(robot.slope - math.atan(ratio))
     assert np.linalg.norm(robot.thrust) == pytest.approx(held, rel=0.1)
@@ -60,7 +61,7 @@ def test_it_stands_on_the_slope_and_does_not_stand_as_on_the_flat(on_slope):
     before = robot.world.base_position.copy()
     robot.run(1.0, (0.0, 0.0, 0.0))
     assert np.linalg.norm(robot.world.base_position - before) < 0.005
-    assert robot.controller.stance.all()
+    assert not robot.controller.present.clock.swinging.any()
     accepted, message = robot.controller.request_mode("stand")
     assert not accepted and "on an incline of 40 deg" in message
     assert robot.controller.mode.value == "wair"
@@ -117,11 +118,11 @@ def test_with_a_fan_lost_it_walks_down_around_the_foot_of_the_slope_to_the_flat(
     for _ in range(6000):
         if robot.world.base_position[0] < 0.0:
             break
-        before = robot.controller.contact.copy()
+        before = robot.controller.body.contacts.contact.copy()
         robot.run(0.002, (-SPEED, 0.0, 0.0))
         in_air = robot.clearance() > HIGH
         high += int(in_air.sum())
-        felt += int((in_air & robot.controller.contact & ~before).sum())
+        felt += int((in_air & robot.controller.body.contacts.contact & ~before).sum())
     assert robot.controller.mode.value == "wair", robot.controller.reason
     assert robot.world.base_position[0] < 0.0
     # A leg that jerks feels a ground that is not there.

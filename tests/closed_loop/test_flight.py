@@ -6,12 +6,16 @@ import numpy as np
 import pytest
 from flying import FlyingRobot
 
-from husky_control.hover import HoverGains, Phase
+from husky_control.flight.hover import HoverPhase
+from husky_control.flight.hover_gains import HoverGains
 
 HEIGHT = HoverGains().height
 
 
-@pytest.fixture
+pytestmark = pytest.mark.in_a_copy
+
+
+@pytest.fixture(scope="module")
 def flying():
     """A robot that hovers, and the place where it stood [m]."""
     robot = FlyingRobot()
@@ -37,7 +41,7 @@ def watch(robot, duration):
 
 def test_flight_is_refused_without_fans_and_without_the_camera():
     robot = FlyingRobot()
-    robot.frozen = True
+    robot.gear.frozen = True
     robot.stand()
     assert "fans are not armed" in robot.controller.request_mode("fly")[1]
     robot.arm()
@@ -52,7 +56,7 @@ def test_hovers_above_where_it_stood_and_lands_there(flying):
     assert np.linalg.norm(positions - (ground + (0.0, 0.0, HEIGHT)), axis=1).max() < 0.2
     assert math.degrees(tilts.max()) < 3.0
     # The odometry goes on in the air.
-    before = robot.controller.position_base_in_world.copy()
+    before = robot.controller.body.estimator.position.copy()
     assert before[2] == pytest.approx(robot.world.base_position[2], abs=0.05)
     assert robot.controller.request_mode("stand") == (True, "landing")
     positions, tilts = watch(robot, 6.0)
@@ -62,7 +66,7 @@ def test_hovers_above_where_it_stood_and_lands_there(flying):
     assert robot.thrust < 0.5
     assert robot.world.base_position[2] == pytest.approx(ground[2], abs=0.01)
     assert np.linalg.norm(robot.world.base_position[:2] - ground[:2]) < 0.15
-    assert robot.controller.contact.all()
+    assert robot.controller.body.contacts.contact.all()
     # It walks as ever.
     assert robot.controller.request_mode("walk")[0]
     robot.run(1.0, (0.2, 0.0, 0.0))
@@ -71,7 +75,7 @@ def test_hovers_above_where_it_stood_and_lands_there(flying):
 
 def test_without_the_camera_it_lands_level_and_stands(flying):
     robot, ground = flying
-    robot.frozen = True
+    robot.gear.frozen = True
     positions, tilts = watch(robot, 7.0)
     assert robot.controller.mode.value == "stand", robot.controller.hover.phase
     assert robot.controller.reason.startswith("T265 lost")
@@ -83,7 +87,7 @@ def test_without_the_camera_it_lands_level_and_stands(flying):
 def test_a_jump_of_the_camera_does_not_throw_it_around(flying):
     robot, _ = flying
     before = robot.world.base_position.copy()
-    robot.camera.inject("jump", 0.5)
+    robot.gear.camera.inject("jump", 0.5)
     positions, tilts = watch(robot, 2.0)
     assert robot.controller.hover.jumps == 1 and "jumped" in robot.controller.reason
     assert robot.controller.mode.value == "fly"
@@ -105,7 +109,7 @@ def test_damping_in_flight_lets_the_thrust_fade_level(flying):
     force = robot.controller.hover.force
     assert robot.controller.request_mode("damping")[0]
     robot.run(0.1)
-    assert robot.controller.hover.phase is Phase.FADE
+    assert robot.controller.hover.phase is HoverPhase.FADE
     assert 0.7 * force < robot.controller.hover.force < force
     robot.run(2.0)
     assert robot.thrust < 1.0 and not robot.controller.hover.active

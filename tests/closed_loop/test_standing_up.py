@@ -41,7 +41,7 @@ def test_feet_stand_still_while_the_body_rises_and_sinks(friction):
 
     assert robot.controller.request_mode("sit")[0]
     change, torque = spread_and_torques(robot, 4.0)
-    assert robot.controller.mode.value == "sit" and robot.controller.settled
+    assert robot.controller.mode.value == "sit" and robot.controller.present.settled
     assert change < ROLLING
     assert (torque[0::3] < 0.6 * limit[0::3]).all()
     sit = ROBOT.sit_joint_position

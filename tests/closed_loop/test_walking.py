@@ -1,13 +1,15 @@
 """The controller with the simulated robot in one process: standing, trotting, pushes, commands."""
 
+import copy
 import math
 
 import numpy as np
 import pytest
 from in_process import InProcessRobot
 
-from husky_description import graph
+from husky_description.gravity import GRAVITY
 from husky_description.robot import load_robot
+from husky_runtime import graph
 from husky_sim.world import WorldOptions
 
 SPEED = 0.5
@@ -67,15 +69,15 @@ def test_stands_at_the_height_that_is_wanted():
     robot = standing()
     wanted = load_robot().stand_height + load_robot().foot_radius
     assert robot.world.base_position[2] == pytest.approx(wanted, abs=0.01)
-    assert robot.controller.position_base_in_world[2] == pytest.approx(wanted, abs=0.01)
+    assert robot.controller.body.estimator.position[2] == pytest.approx(wanted, abs=0.01)
     assert robot.refusal == ""
     before = robot.world.base_position.copy()
     robot.run(0.5)
     assert np.linalg.norm(robot.world.base_position - before) < 0.001
-    assert robot.controller.contact.all()
+    assert robot.controller.body.contacts.contact.all()
     # The observer's forces, from currents alone, carry the weight to a tenth of it.
-    weight = load_robot().mass * 9.80665
-    assert robot.controller.foot_force_in_world[:, 2].sum() == pytest.approx(weight, rel=0.1)
+    weight = load_robot().mass * GRAVITY
+    assert robot.controller.body.contacts.foot_force[:, 2].sum() == pytest.approx(weight, rel=0.1)
 
 
 def test_trots_at_its_speed_and_level():
@@ -85,7 +87,7 @@ def test_trots_at_its_speed_and_level():
     assert speed == pytest.approx(SPEED, rel=0.1)
     rms = np.degrees(np.sqrt((attitude**2).mean(axis=0)))
     assert rms[0] < 2.0 and rms[1] < 2.0, f"roll and pitch rms are {rms} deg"
-    estimated = robot.controller.velocity_base_in_world
+    estimated = robot.controller.body.estimator.velocity
     # Of the estimator, against the truth at one moment of the gait.
     assert np.linalg.norm(estimated[:2] - robot.world.base_velocity[:2]) < 0.15
 
@@ -114,13 +116,13 @@ def test_a_bad_command_is_refused_whole_and_the_robot_walks_on(walking_robot, na
     robot = walking_robot
     controller = robot.controller
     refused = controller.counters.refused_velocity_commands
-    ramped = controller.commanded_velocity.copy()
+    ramped = controller.walking.reference.ramped.copy()
     accepted, message = controller.set_velocity_command(*command)
     assert not accepted
     assert message.startswith(f"{name} must be within")
     assert controller.counters.refused_velocity_commands == refused + 1
     robot.run(0.2)
-    np.testing.assert_array_equal(controller.commanded_velocity, ramped)
+    np.testing.assert_array_equal(controller.walking.reference.ramped, ramped)
     speed, _ = walk_on(robot, 0.4)
     assert_walks(robot)
     assert speed > 0.5 * SPEED
@@ -144,7 +146,7 @@ def test_silence_ends_the_walk_on_four_feet():
     robot.run(2.5)
     assert controller.mode.value == "stand", controller.reason
     assert not controller.counters.faults
-    assert controller.stance.all()
+    assert not controller.present.clock.swinging.any()
     assert np.linalg.norm(robot.world.base_velocity) < 0.02
 
 
@@ -153,3 +155,77 @@ def test_one_seed_gives_one_trajectory_to_the_bit():
     assert first.world.data.qpos.tobytes() == again.world.data.qpos.tobytes()
     assert first.world.trajectory_sha256 == again.world.trajectory_sha256
     assert first.world.trajectory_sha256 != other.world.trajectory_sha256
+
+
+def getting_up(seed=3, velocity=None):
+    """A robot that a velocity command may set in motion, when it stands up since this tick."""
+    robot = InProcessRobot(WorldOptions(seed=seed))
+    robot.controller.watch.wakes = True
+    robot.enable()
+    assert robot.controller.request_mode("stand_up")[0]
+    while robot.controller.mode.value == "stand_up":
+        robot.run(0.01, velocity)
+    assert robot.controller.mode.value == "stand", robot.controller.reason
+    return robot
+
+
+def test_one_command_a_second_moves_a_robot_that_may_walk():
+    """It walks as long as a command counts, comes to a stand, and goes on with the next one."""
+    robot, modes = getting_up(), []
+    start = robot.world.base_position[0]
+    for _ in range(4):
+        assert robot.controller.set_velocity_command(0.3, 0.0, 0.0) == (True, "")
+        modes.append(robot.controller.mode.value)
+        robot.run(1.0)
+    robot.run(3.0)
+    assert modes == ["walk"] * 4
+    assert robot.controller.mode.value == "stand" and robot.controller.counters.command_timeouts
+    assert robot.world.base_position[0] - start > 0.4
+
+
+def test_who_was_told_to_stand_stands_until_the_stick_is_let_go():
+    robot = getting_up()
+    robot.run(1.0, (0.3, 0.0, 0.0))
+    robot.controller.request_mode("stand")
+    for _ in range(40):
+        robot.run(0.1, (0.3, 0.0, 0.0))
+    assert robot.controller.mode.value == "stand"
+    accepted, message = robot.controller.set_velocity_command(0.3, 0.0, 0.0)
+    assert not accepted and "let go" in message
+    assert robot.controller.set_velocity_command(0.0, 0.0, 0.0) == (True, "")
+    assert robot.controller.set_velocity_command(0.3, 0.0, 0.0) == (True, "")
+    assert robot.controller.mode.value == "walk"
+
+
+def test_a_stick_held_while_the_robot_gets_up_does_not_set_it_off():
+    robot = getting_up(velocity=(0.3, 0.0, 0.0))
+    accepted, message = robot.controller.set_velocity_command(0.3, 0.0, 0.0)
+    assert not accepted and "let go" in message
+
+
+def test_a_command_wakes_nobody_who_may_not_walk():
+    robot = standing()
+    robot.run(0.6)
+    accepted, message = robot.controller.set_velocity_command(0.3, 0.0, 0.0)
+    assert not accepted and "walk_on_command" in message
+    assert robot.controller.mode.value == "stand"
+
+
+@pytest.mark.parametrize(
+    "field", ["joint_position", "joint_torque", "angular_velocity_base_in_base"]
+)
+def test_a_measurement_that_is_not_finite_lets_the_robot_sink(field):
+    """One trip; each bad measurement is counted, and none of it gets into a command."""
+    robot = standing()
+    good = robot.measurements
+    bad = copy.deepcopy(good)
+    getattr(bad, field)[1] = math.nan
+    for _ in range(3):
+        command = robot.controller.tick(bad)
+        assert np.isfinite(command.position).all() and np.isfinite(command.effort).all()
+    counters = robot.controller.counters
+    assert (counters.bad_measurements, counters.faults) == (3, 1)
+    assert robot.controller.mode.value == "damping"
+    assert robot.controller.reason == "a measurement is not finite"
+    robot.controller.tick(good)
+    assert counters.bad_measurements == 3 and robot.controller.mode.value == "damping"

@@ -14,12 +14,12 @@ pytest.importorskip("rclpy")
 
 sys.path.insert(0, str(Path(__file__).parent))  # which import mode importlib does not
 
-from containers import Containers, Engine, run
+from containers import ROOT, Containers, Engine, run
 from seen_robot import SETTINGS, Robot
 
-from husky_bringup.session import Session
 from husky_bringup.system import simulated_robot
-from husky_description import graph
+from husky_experiments.session import Session
+from husky_runtime import graph
 
 HERE = Path(__file__).parent
 BODY = "robot_with_unit"
@@ -90,6 +90,7 @@ def graph_in_containers(
     ours = {
         "ROS_DOMAIN_ID": str(DOMAIN),
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET",
+        "FASTRTPS_DEFAULT_PROFILES_FILE": str(ROOT / "scripts/fastdds.xml"),
         "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4",
     }
     before = {name: os.environ.get(name) for name in ours}

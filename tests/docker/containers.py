@@ -102,12 +102,16 @@ class Containers:
         return state
 
     def signal_node(self, name: str, executable: str, number: str) -> None:
-        """Send a signal to the node in a container: not to its process 1."""
+        """Send a signal to the node in a container: not to its process 1.
+
+        Raises:
+            RuntimeError: no such process is there.
+        """
         pattern = f"lib/{executable[:-1]}[{executable[-1]}]"  # which is not in our own command line
         self._started.pop(name, None)
         script = (
-            f"for p in /proc/[0-9]*; do if grep -qs '{pattern}' $p/cmdline; "
-            f"then kill -{number} ${{p#/proc/}}; fi; done"
+            f"code=1; for p in /proc/[0-9]*; do if grep -qs '{pattern}' $p/cmdline; "
+            f"then kill -{number} ${{p#/proc/}} && code=0; fi; done; exit $code"
         )
         self.engine.run("exec", self.container(name), "sh", "-c", script)
 
@@ -172,7 +176,11 @@ class Containers:
         return [line.decode() for line in lines]
 
     def kill(self, name: str, number: int = signal.SIGKILL) -> None:
-        """Send a signal to a container."""
+        """Send a signal to a container; SIGSTOP and SIGCONT reach all of its processes."""
+        if number in (signal.SIGSTOP, signal.SIGCONT):
+            word = "pause" if number == signal.SIGSTOP else "unpause"
+            self.engine.run(word, self.container(name))
+            return
         self._started.pop(name, None)
         self.engine.run("kill", "--signal", str(int(number)), self.container(name))
 
@@ -199,10 +207,6 @@ class Containers:
         return {name: self.stop(name)[0] for name in sorted(self._started)}
 
     # Faults of containers ---------------------------------------------------------------------
-    def pause(self, name: str, paused: bool = True) -> None:
-        """Freeze every process of a container, or let it go on."""
-        self.engine.run("pause" if paused else "unpause", self.container(name))
-
     def plug(self, name: str, plugged: bool) -> None:
         """Pull the cable of a container's network interface, or plug it in.
 

@@ -1,42 +1,65 @@
 """The same seed gives the same trajectory over the processes, whatever the wall clock does."""
 
 import signal
+import subprocess
 import threading
 import time
+from pathlib import Path
 
 import pytest
 
-from husky_bringup.scripts import push, walk
-from husky_description import graph
+from husky_experiments.scripts import push, walk
+from husky_runtime import graph
 
 pytestmark = pytest.mark.graph
 
+ROOT = Path(__file__).resolve().parents[2]
 
-def script(robot) -> str:
-    """Stand up, trot, be pushed, each at its tick; return the digest of the trajectory."""
+
+STEPS = 20
+PATIENCE = 120.0
+"""Wall time after which nobody refuses any more [s]."""
+
+
+def script(robot, meanwhile=lambda step: None) -> str:
+    """Stand up, trot, be pushed, each at its tick; return the digest of the trajectory.
+
+    While it trots, `meanwhile` is called before each of `STEPS` steps.
+    """
     s = robot.session
-    s.set_parameter(graph.LOW_LEVEL_CONTROLLER, "stand.duration", 2.0)
-    s.set_parameter(graph.LOW_LEVEL_CONTROLLER, "stand.joint_speed", 1.0)
     s.advance(0.2)
     assert robot.trigger(graph.DRIVES_ENABLE) == "", robot.seen
     s.advance(0.6)
     s.set_mode("stand_up")
-    s.advance(4.0)
+    s.advance(2.2)
     assert robot.mode == "stand", robot.seen
     s.set_gait("trot")
     walk(s, 0.4, (0.3, 0.0, 0.0))
     assert robot.mode == "walk", robot.seen
     push(s, (0.0, 2.0))
-    walk(s, 0.4, (0.3, 0.1, 0.0))
+    for step in range(STEPS):
+        meanwhile(step)
+        walk(s, 0.4 / STEPS, (0.3, 0.1, 0.0))
     assert robot.mode == "walk" and s.truth.pose.pose.position.x > 0.05, robot.seen
     return s.trajectory_sha256
+
+
+def first_script(robot) -> str:
+    """The script with nodes that may have just started: the IMU must have been found before."""
+    robot.until(
+        lambda: "streaming" in robot.reported(graph.VN200_DRIVER, "").message,
+        "the IMU's samples",
+        within=5.0,
+        step=0.2,
+    )
+    robot.start_again()
+    return script(robot)
 
 
 @pytest.fixture(scope="module")
 def digest(graph_of_module):
     """Of the first run."""
-    graph_of_module.start_again()
-    return script(graph_of_module)
+    return first_script(graph_of_module)
 
 
 def test_after_a_reset_with_stalls(digest, robot):
@@ -57,14 +80,56 @@ def test_after_a_reset_with_stalls(digest, robot):
         thread.join()
 
 
+STARTS = {
+    "bringup": ("scripts/bringup.sh", "--time", "lockstep"),
+    "experiment": ("scripts/experiment.sh", "stand", "--output", "{}/out"),
+    "controller": ("ros2", "run", "husky_control", graph.LOW_LEVEL_CONTROLLER),
+}
+"""What somebody may start a second time."""
+
+
+def test_second_start_in_the_domain(domain, digest, robot, tmp_path):
+    """It is refused with one line; the robot trots on, to the same trajectory as without."""
+    attempts: dict[str, subprocess.Popen[str]] = {}
+    give_up = time.monotonic() + PATIENCE
+
+    def running() -> bool:
+        return any(each.poll() is None for each in attempts.values())
+
+    def attempt(step: int) -> None:
+        for name, command in STARTS.items() if step == 0 else ():
+            attempts[name] = subprocess.Popen(
+                [word.format(tmp_path) for word in command],
+                cwd=ROOT,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.PIPE,
+                text=True,
+            )
+        while step == STEPS - 1 and running() and time.monotonic() < give_up:
+            time.sleep(0.05)
+        time.sleep(0.1)  # theirs is the processor
+
+    try:
+        assert script(robot, attempt) == digest
+        assert not running(), [name for name, each in attempts.items() if each.poll() is None]
+    finally:
+        for each in attempts.values():
+            each.kill()
+    for name, attempted in attempts.items():
+        (line,) = attempted.communicate()[1].splitlines()
+        assert attempted.returncode == 1, f"{name}: {line}"
+        assert f"this robot runs already in ROS domain {domain}: " in line, name
+        assert f"{graph.LOW_LEVEL_CONTROLLER} (process" in line, f"{name}: {line}"
+        assert "choose another domain with ROS_DOMAIN_ID" in line, name
+    assert not (tmp_path / "out").exists()  # where results of the run that goes on may be
+
+
 def test_another_seed(digest, robot):
     robot.session.reset(seed=2)
     assert script(robot) != digest
 
 
-def test_in_new_processes(digest, robot, new_graph):
+def test_in_new_processes(digest, new_graph):
     """The plant's memory of the first run is not what makes runs alike."""
-    for spec in robot.session.specs:
-        assert robot.session.processes.end(spec.name) == {spec.name: 0}
     with new_graph() as another:
-        assert script(another) == digest
+        assert first_script(another) == digest

@@ -9,9 +9,9 @@ from geometry_msgs.msg import Twist
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
-from husky_description import graph
-from husky_description.nodes import qos
+from husky_experiments.session import SessionError
 from husky_msgs.msg import JointCommand
+from husky_runtime import graph, qos
 
 pytestmark = pytest.mark.graph
 
@@ -49,6 +49,22 @@ def test_bad_velocity_commands_among_good_ones(trotting):
     assert list(s.state.commanded_velocity) == pytest.approx(command), trotting.seen
 
 
+def test_parameters_that_do_not_fit(trotting):
+    """One that does not fit what is set is refused with the reason; the robot trots on."""
+    s, node = trotting.session, graph.LOW_LEVEL_CONTROLLER
+    reason = r"liftoff_force \(8 N\) must not be above contact\.touchdown_force \(6 N\)"
+    s.set_parameter(node, "contact.touchdown_force", 6.0)
+    try:
+        with pytest.raises(SessionError, match=reason):
+            s.set_parameter(node, "contact.liftoff_force", 8.0)
+    finally:
+        s.set_parameter(node, "contact.touchdown_force", 10.0)
+    s.set_parameter(node, "contact.liftoff_force", 8.0)  # The first was not taken, this one is.
+    s.set_parameter(node, "contact.liftoff_force", 5.0)
+    s.advance(0.4)
+    assert trotting.mode == "walk", trotting.seen
+
+
 def test_only_bad_velocity_commands(trotting, record_property):
     """They count as silence: a program gone mad does not keep a robot going."""
     s = trotting.session
@@ -70,6 +86,7 @@ def test_velocity_command_silent(trotting, record_property):
     took = trotting.until(lambda: trotting.mode == "stand", "stand", within=2.0)
     record_property("reaction_s", took)
     assert took > 0.3, "0.5 s of silence, 0.2 s of which may have gone by"
+    assert trotting.told(graph.LOW_LEVEL_CONTROLLER, "command_timeouts") >= 1
     s.advance(0.5)
     assert s.drives.operational and trotting.height > 0.5, trotting.seen
     x = s.truth.pose.pose.position.x
@@ -103,14 +120,15 @@ class StandIn:
 
 
 @pytest.fixture(scope="module")
-def stand_in(graph_of_module):
-    """A node that takes the controller's place for the rest of the module."""
+def stand_in(graph_of_module, graphs):
+    """A node that takes the controller's place for the rest of the module, and of the graph."""
     robot = graph_of_module
     robot.start_again()
     robot.session.processes.end(graph.LOW_LEVEL_CONTROLLER)
     stand_in = StandIn(robot)
     yield stand_in
     stand_in.node.destroy_node()
+    graphs.end()
 
 
 def _set(field: str, index: int, value: float) -> Any:
@@ -148,7 +166,7 @@ def test_bad_joint_commands(graph_of_module, stand_in, record_property, spoil):
     refused = s.drives.refused_commands
     once = iter([spoil])
     stand_in.spoil = lambda command: next(once, lambda command: None)(command)
-    s.advance(0.11)
+    robot.until(lambda: s.drives.refused_commands > refused, "a refusal", within=1.0)
     assert s.drives.operational and s.drives.refused_commands == refused + 1, robot.seen
     since = robot.watch()
     stand_in.spoil = spoil

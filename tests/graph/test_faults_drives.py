@@ -4,11 +4,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 
-from husky_description import graph
 from husky_description.robot import load_robot
 from husky_msgs.msg import DriveStatus, ServoCommand
 from husky_msgs.srv import ApplyWrench
+from husky_runtime import graph
 
 pytestmark = pytest.mark.graph
 
@@ -122,4 +124,32 @@ def test_emergency_stop(trotting, record_property):
     assert s.drives.emergency_stop and trotting.mode == "damping", trotting.seen
     s.set_mode("passive")
     assert "latched" in trotting.trigger(graph.DRIVES_ENABLE)
+    trotting.recover()
+
+
+def deactivate(robot: Any) -> bool:
+    """Ask the bridge to give the drives up; return whether it did."""
+    down = Transition(id=Transition.TRANSITION_DEACTIVATE)
+    return bool(
+        robot.ask(ChangeState, f"/{graph.DRIVE_BRIDGE}/change_state", transition=down).success
+    )
+
+
+def test_deactivation_under_load(trotting, record_property):
+    """Refused while the drives carry the robot; forced, the controller's mode follows."""
+    s = trotting.session
+    assert not deactivate(trotting)
+    s.advance(0.5)
+    assert trotting.mode == "walk" and trotting.height > 0.5, trotting.seen
+    s.set_parameter(graph.DRIVE_BRIDGE, "deactivate_under_load", True)
+    since = trotting.watch()
+    assert deactivate(trotting)
+    s.wait_for(lambda: trotting.mode == "damping", "damping without another tick")
+    assert s.state.reason == "the drive bridge is not active", trotting.seen
+    s.advance(0.3)
+    record_property("reaction_s", trotting.torque_ends(since))
+    assert not s.drives.active and not s.drives.operational
+    s.set_parameter(graph.DRIVE_BRIDGE, "deactivate_under_load", False)
+    s.kill(graph.DRIVE_BRIDGE)
+    s.start(graph.DRIVE_BRIDGE)
     trotting.recover()

@@ -2,7 +2,7 @@
 
 import pytest
 
-from husky_description import graph
+from husky_runtime import graph
 
 pytestmark = pytest.mark.graph
 
@@ -15,12 +15,13 @@ REACTION = 0.03
     [
         ("stop", "stale"),
         ("repeat", "stale"),
-        ("flip_bits:20", "stale"),
+        ("flip_bits:20", ""),  # it is asked, answers, and streams again as far as it can be told
         ("unplug", "no port"),
     ],
 )
 def test_imu_lost(trotting, record_property, fault, report):
     s = trotting.session
+    damaged = _damaged(trotting)
     failed = trotting.watch()
     s.inject(graph.PLANT_INJECT_FAULT, "imu", fault)
     trotting.until(lambda: trotting.mode == "damping", "damping", within=0.1)
@@ -32,6 +33,7 @@ def test_imu_lost(trotting, record_property, fault, report):
     assert s.drives.operational, "damping needs the drives"
     trotting.reported(graph.LOW_LEVEL_CONTROLLER, "vn200_driver is lost")
     trotting.reported(graph.VN200_DRIVER, report)
+    assert (_damaged(trotting) > damaged) == fault.startswith("flip_bits")
     s.inject(graph.PLANT_INJECT_FAULT, "imu", "")
     trotting.reported(graph.VN200_DRIVER, "streaming", "stale")
     trotting.recover()

@@ -10,14 +10,15 @@ import numpy as np
 import pytest
 from action_msgs.msg import GoalStatus
 from rclpy.action import ActionClient
+from rosgraph_msgs.msg import Clock
 
 from husky_bringup.interfaces import Reader, running
 from husky_bringup.system import NodeSpec
 from husky_control.nodes.plan_message import from_message, to_message
-from husky_description import graph
-from husky_description.nodes import qos
 from husky_msgs.action import PlanIncline
 from husky_msgs.msg import InclinePlan
+from husky_runtime import graph, qos
+from husky_runtime.nodes import stamps
 
 pytestmark = pytest.mark.graph
 
@@ -56,6 +57,11 @@ def planner(domain: int) -> Iterator[Client]:
 
 
 def test_a_goal_becomes_a_plan_on_the_topic_too(planner: Client) -> None:
+    clock = planner.reader.node.create_publisher(Clock, graph.CLOCK, qos.CLOCK)
+    now = Clock()
+    now.clock.sec = 12
+    telling = planner.reader.node.create_timer(0.05, lambda: clock.publish(now))
+    planner.reader.wait(0.3)
     heard: list[InclinePlan] = []
     planner.reader.node.create_subscription(
         InclinePlan, graph.INCLINE_PLAN, heard.append, qos.LATCHED
@@ -64,6 +70,8 @@ def test_a_goal_becomes_a_plan_on_the_topic_too(planner: Client) -> None:
     assert status == GoalStatus.STATUS_SUCCEEDED
     assert result.success
     assert "solving" in planner.stages
+    assert stamps.to_ns(result.plan.stamp) == 12_000_000_000
+    telling.cancel()
     plan = from_message(result.plan)
     assert plan.slope == pytest.approx(math.pi / 4)
     assert plan.friction == 0.7  # the parameter's

@@ -8,9 +8,10 @@ from pathlib import Path
 import pytest
 
 from husky_bringup.processes import Processes
-from husky_bringup.session import Session
 from husky_bringup.system import NodeSpec
-from husky_description import graph
+from husky_experiments.session import Session
+from husky_runtime import domain_locks as occupancy
+from husky_runtime import graph
 
 pytestmark = pytest.mark.graph
 
@@ -26,15 +27,29 @@ BAD = {
         "safety.max_tilt",
         "1.5",
     ),
+    "pair": (
+        NodeSpec(
+            "husky_control",
+            graph.LOW_LEVEL_CONTROLLER,
+            {"gait.trot.period": 0.24, "gait.trot.duty": 0.65},
+        ),
+        "gait.trot.period (0.24 s)",
+        "0.1 to 0.25 s",
+    ),
 }
 
 
 @pytest.fixture(scope="module")
 def refusals(domain, tmp_path_factory) -> dict[str, tuple[int, str]]:
     """Exit code and output of each node of `BAD`."""
+    locks = tmp_path_factory.mktemp("locks")  # one each: three of them are plants
     running = {
         name: subprocess.Popen(
-            spec.command(), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+            spec.command(),
+            env={**os.environ, occupancy.VARIABLE: str(locks / name)},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
         )
         for name, (spec, *_) in BAD.items()
     }

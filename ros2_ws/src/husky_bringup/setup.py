@@ -1,4 +1,4 @@
-"""Package husky_bringup: Launch file, parameter files, recorder, teleoperation, experiments."""
+"""Package husky_bringup: Launch and parameter files, recorder, teleoperation."""
 
 from glob import glob
 
@@ -9,10 +9,6 @@ package = "husky_bringup"
 setup(
     name=package,
     version="0.1.0",
-    description="Launch file, parameter files, recorder, teleoperation, experiments.",
-    license="Apache-2.0",
-    maintainer="Husky maintainers",
-    maintainer_email="maintainers@husky-carbon.org",
     packages=find_packages(exclude=["test"]),
     package_data={package: ["py.typed"]},
     data_files=[
@@ -20,8 +16,8 @@ setup(
         (f"share/{package}", ["package.xml"]),
         (f"share/{package}/launch", ["launch/husky.launch.py"]),
         (f"share/{package}/config", glob("config/*.yaml")),
+        (f"share/{package}/layouts", glob("layouts/*")),
     ],
-    install_requires=["setuptools"],
     zip_safe=False,
     entry_points={
         "console_scripts": [

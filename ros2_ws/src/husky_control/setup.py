@@ -1,4 +1,4 @@
-"""Package husky_control: what decides."""
+"""Package husky_control: What decides: modes, gaits, estimation, inclines, flight, planning."""
 
 from setuptools import find_packages, setup
 
@@ -7,17 +7,12 @@ package = "husky_control"
 setup(
     name=package,
     version="0.1.0",
-    description="What decides: kinematics, gaits, estimator, safety, modes, controller.",
-    license="Apache-2.0",
-    maintainer="Husky maintainers",
-    maintainer_email="maintainers@husky-carbon.org",
     packages=find_packages(exclude=["test"]),
     package_data={package: ["py.typed"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{package}"]),
         (f"share/{package}", ["package.xml"]),
     ],
-    install_requires=["setuptools"],
     zip_safe=False,
     entry_points={
         "console_scripts": [

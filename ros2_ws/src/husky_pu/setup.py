@@ -1,4 +1,4 @@
-"""Package husky_pu: Propulsion unit: fans, battery, mixer, MAVLink autopilot, remote control."""
+"""Package husky_pu: Propulsion unit: companion's bridge, simulated Pixhawk, radio."""
 
 from setuptools import find_packages, setup
 
@@ -7,17 +7,12 @@ package = "husky_pu"
 setup(
     name=package,
     version="0.1.0",
-    description="Propulsion unit: fans, battery, mixer, MAVLink autopilot, remote control.",
-    license="Apache-2.0",
-    maintainer="Husky maintainers",
-    maintainer_email="maintainers@husky-carbon.org",
     packages=find_packages(exclude=["test"]),
-    package_data={package: ["py.typed"]},
+    package_data={package: ["py.typed", "mavlink/*.xml"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{package}"]),
         (f"share/{package}", ["package.xml"]),
     ],
-    install_requires=["setuptools"],
     zip_safe=False,
     entry_points={
         "console_scripts": [

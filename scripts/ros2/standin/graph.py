@@ -8,9 +8,14 @@ from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 import rclpy
+from rclpy.exceptions import InvalidTopicNameException
+from rclpy.expand_topic_name import expand_topic_name
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
 from rclpy.topic_or_service_is_hidden import topic_or_service_is_hidden
+from rclpy.validate_full_topic_name import validate_full_topic_name
 
 NamesAndTypes = list[tuple[str, list[str]]]
 
@@ -26,41 +31,16 @@ class NodeName(NamedTuple):
     full_name: str
 
 
-def add_node_arguments(parser: argparse.ArgumentParser, daemon: bool = True) -> None:
-    """Arguments of every command with a node of its own (there is no daemon to do without)."""
-    parser.add_argument(
-        "--spin-time",
-        type=float,
-        default=1.0,
-        help="seconds to wait for discovery, at most (default: %(default)s)",
-    )
-    parser.add_argument("-s", "--use-sim-time", action="store_true", help="use ROS simulation time")
-    if daemon:
-        parser.add_argument("--no-daemon", action="store_true", help="has no effect: there is none")
-
-
-def add_hidden_nodes_argument(parser: argparse.ArgumentParser) -> None:
-    """Whether hidden nodes count."""
-    parser.add_argument(
-        "--include-hidden-nodes", action="store_true", help="consider hidden nodes as well"
-    )
-
-
-def add_timeout_argument(parser: argparse.ArgumentParser) -> None:
-    """How long to wait for the node that the command is about."""
-    parser.add_argument(
-        "--timeout",
-        metavar="N",
-        type=int,
-        default=1,
-        help="seconds to wait for the node (default: %(default)s)",
-    )
-
-
 @contextmanager
-def graph_node(args: argparse.Namespace, name: str | None = None) -> Iterator[Node]:
-    """A node of this command's own, gone on exit; it has yet to discover the graph."""
-    rclpy.init(args=[])
+def graph_node(
+    args: argparse.Namespace, name: str | None = None, handle_signals: bool = True
+) -> Iterator[Node]:
+    """A node of this command's own, gone on exit; it has yet to discover the graph.
+
+    Unless handle_signals, an interrupt is Python's alone and leaves the node usable.
+    """
+    handlers = SignalHandlerOptions.ALL if handle_signals else SignalHandlerOptions.NO
+    rclpy.init(args=[], signal_handler_options=handlers)
     node = rclpy.create_node(
         name or f"_ros2cli_{os.getpid()}",
         start_parameter_services=False,
@@ -145,7 +125,7 @@ def visible(names_and_types: NamesAndTypes, hidden: bool) -> NamesAndTypes:
 
 
 def print_names(names_and_types: NamesAndTypes, args: argparse.Namespace, count_only: bool) -> None:
-    """The list that `topic list` and `service list` print."""
+    """The list that the verbs called `list` print."""
     if count_only:
         print(len(names_and_types))
         return
@@ -153,10 +133,46 @@ def print_names(names_and_types: NamesAndTypes, args: argparse.Namespace, count_
         print(f"{name} [{', '.join(types)}]" if args.show_types else name)
 
 
+def print_found(names_and_types: NamesAndTypes, wanted: str, count_only: bool) -> None:
+    """What the verbs called `find` print: names, or the number, of those of the type wanted."""
+    found = [name for name, types in names_and_types if wanted in types]
+    for line in [len(found)] if count_only else found:
+        print(line)
+
+
+def print_types(args: argparse.Namespace, name: str, look: Callable[[Node], NamesAndTypes]) -> int:
+    """What the verbs called `type` do: print the types of a name; code 1 when it is not there."""
+
+    def types() -> list[str]:
+        return dict(look(node)).get(name, [])
+
+    with graph_node(args) as node:
+        discover(node, args.spin_time, lambda: bool(types()))
+        found = types()
+    for each in found:
+        print(each)
+    return 0 if found else 1
+
+
+def expanded_name(node: Node, name: str) -> str:
+    """The full name of a topic or an action; RuntimeError when it is not valid."""
+    try:
+        full = expand_topic_name(name, node.get_name(), node.get_namespace())
+        validate_full_topic_name(full)
+    except (ValueError, InvalidTopicNameException) as error:
+        raise RuntimeError(error) from None
+    return full
+
+
 def call(node: Node, client: Any, request: Any) -> Any:
     """The response of a service that is ready, or RuntimeError."""
     future = client.call_async(request)
     rclpy.spin_until_future_complete(node, future)
+    return outcome(future, "calling service")
+
+
+def outcome(future: Future, doing: str) -> Any:
+    """The result of a call that is over; RuntimeError when it failed."""
     if future.result() is None:
-        raise RuntimeError(f"Exception while calling service: {future.exception()!r}")
+        raise RuntimeError(f"Exception while {doing}: {future.exception()!r}")
     return future.result()

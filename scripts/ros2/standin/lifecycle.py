@@ -8,20 +8,17 @@ import rclpy
 from lifecycle_msgs.srv import ChangeState, GetAvailableTransitions, GetState
 from rclpy.node import Node
 
-from standin.graph import (
-    absolute,
-    add_hidden_nodes_argument,
-    add_node_arguments,
-    call,
-    discover,
-    graph_node,
-    node_names,
-    services,
+from standin.arguments import (
+    ALL_NODES,
+    NODE,
+    NODE_NAME,
+    argument,
+    count_only,
+    flag,
+    include_hidden,
+    takes,
 )
-
-
-def add_shared_arguments(parser: argparse.ArgumentParser) -> None:
-    """`lifecycle` itself takes no arguments."""
+from standin.graph import absolute, call, discover, graph_node, node_names, services
 
 
 def lifecycle_nodes(node: Node, hidden: bool) -> set[str]:
@@ -64,15 +61,11 @@ def ask(node: Node, node_name: str, service_class: Any, service: str, request: A
 
 
 # ------------------------------------------------------------------ get, nodes
-def add_get_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `lifecycle get`."""
-    add_node_arguments(parser)
-    parser.add_argument(
-        "node_name", nargs="?", help="name of the node (default: all lifecycle nodes)"
-    )
-    add_hidden_nodes_argument(parser)
-
-
+@takes(
+    *NODE,
+    argument("node_name", nargs="?", help="name of the node (default: all lifecycle nodes)"),
+    include_hidden("nodes"),
+)
 def get_main(args: argparse.Namespace) -> str | None:
     """Print the state of one node or of all."""
     with graph_node(args) as node:
@@ -87,15 +80,7 @@ def get_main(args: argparse.Namespace) -> str | None:
     return None
 
 
-def add_nodes_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `lifecycle nodes`."""
-    add_node_arguments(parser)
-    parser.add_argument("-a", "--all", action="store_true", help="show hidden nodes as well")
-    parser.add_argument(
-        "-c", "--count-nodes", action="store_true", help="show only how many there are"
-    )
-
-
+@takes(*NODE, ALL_NODES, count_only("nodes"))
 def nodes_main(args: argparse.Namespace) -> None:
     """Print the names of the lifecycle nodes in order."""
     with graph_node(args) as node:
@@ -105,16 +90,12 @@ def nodes_main(args: argparse.Namespace) -> None:
 
 
 # ------------------------------------------------------------------ list, set
-def add_list_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `lifecycle list`."""
-    add_node_arguments(parser)
-    parser.add_argument("node_name", help="name of the node")
-    add_hidden_nodes_argument(parser)
-    parser.add_argument(
-        "-a", "--all", action="store_true", help="show the transitions of all states"
-    )
-
-
+@takes(
+    *NODE,
+    NODE_NAME,
+    include_hidden("nodes"),
+    flag("-a", "--all", help="show the transitions of all states"),
+)
 def list_main(args: argparse.Namespace) -> str | None:
     """Print the transitions from a node's present state, or all."""
     with graph_node(args) as node:
@@ -130,14 +111,12 @@ def list_main(args: argparse.Namespace) -> str | None:
     return None
 
 
-def add_set_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `lifecycle set`."""
-    add_node_arguments(parser)
-    parser.add_argument("node_name", help="name of the node")
-    add_hidden_nodes_argument(parser)
-    parser.add_argument("transition", help="the transition, by label or number")
-
-
+@takes(
+    *NODE,
+    NODE_NAME,
+    include_hidden("nodes"),
+    argument("transition", help="the transition, by label or number"),
+)
 def set_main(args: argparse.Namespace) -> str | None:
     """Make a node change its state."""
     with graph_node(args) as node:

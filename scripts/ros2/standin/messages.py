@@ -1,5 +1,6 @@
 """Messages to YAML and CSV as `ros2 topic echo` prints them, and fields from a dictionary."""
 
+import argparse
 import array
 import importlib
 import sys
@@ -13,9 +14,11 @@ from rosidl_parser import definition as idl
 
 NowSetter = Callable[[Any], None]
 
+MARKS = {"msg": "SLOT_TYPES", "srv": "Request", "action": "Goal"}  # kind: what its classes have
+
 
 def interface_class(identifier: str, kind: str) -> Any:
-    """The class of `package/msg/Name` or `package/Name`, kind being msg or srv.
+    """The class of `package/msg/Name` or `package/Name`, kind being msg, srv or action.
 
     Raises ValueError when there is no such type.
     """
@@ -26,7 +29,7 @@ def interface_class(identifier: str, kind: str) -> Any:
         found = getattr(importlib.import_module(".".join(namespaces)), name)
     except (AttributeError, ModuleNotFoundError, ValueError):
         raise ValueError(f"no such type: {identifier}") from None
-    if not hasattr(found, "SLOT_TYPES" if kind == "msg" else "Request"):
+    if not hasattr(found, MARKS[kind]):
         raise ValueError(f"not a {kind}: {identifier}")
     return found
 
@@ -47,6 +50,11 @@ class Shortening:
         self.no_arrays = no_arrays
         self.no_strings = no_strings
 
+    @classmethod
+    def chosen(cls, args: argparse.Namespace) -> "Shortening":
+        """As the options say."""
+        return cls(None if args.full_length else args.truncate_length, args.no_arr, args.no_str)
+
     def too_long(self, value: Any) -> bool:
         """Whether a string or array is beyond the limit."""
         return self.length is not None and len(value) > self.length
@@ -60,8 +68,13 @@ class Shortening:
 
 def to_yaml(message: Any, shortening: Shortening, flow: bool = False) -> str:
     """A message as YAML, its fields in the order of its definition."""
+    return dump(plain(message, shortening), flow)
+
+
+def dump(fields_by_name: Any, flow: bool) -> str:
+    """A message that has been made plain as YAML; with flow, each of its lists on one line."""
     return yaml.dump(
-        plain(message, shortening),
+        fields_by_name,
         Dumper=MessageDumper,
         sort_keys=False,
         allow_unicode=True,

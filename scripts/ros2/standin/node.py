@@ -6,29 +6,11 @@ import sys
 from rclpy.action import graph as action_graph
 from rclpy.node import Node
 
-from standin.graph import (
-    NamesAndTypes,
-    add_node_arguments,
-    discover,
-    graph_node,
-    node_names,
-    split_node_name,
-)
+from standin.arguments import ALL_NODES, NODE, argument, count_only, flag, takes
+from standin.graph import NamesAndTypes, discover, graph_node, node_names, split_node_name
 
 
-def add_shared_arguments(parser: argparse.ArgumentParser) -> None:
-    """`node` itself takes no arguments."""
-
-
-def add_list_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `node list`."""
-    add_node_arguments(parser)
-    parser.add_argument("-a", "--all", action="store_true", help="show hidden nodes as well")
-    parser.add_argument(
-        "-c", "--count-nodes", action="store_true", help="show only how many there are"
-    )
-
-
+@takes(*NODE, ALL_NODES, count_only("nodes"))
 def list_main(args: argparse.Namespace) -> None:
     """Print the names of the nodes in order."""
     with graph_node(args) as node:
@@ -47,17 +29,11 @@ def list_main(args: argparse.Namespace) -> None:
         print(name)
 
 
-def add_info_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `node info`."""
-    add_node_arguments(parser)
-    parser.add_argument("node_name", help="full name of the node (e.g. '/talker')")
-    parser.add_argument(
-        "--include-hidden",
-        action="store_true",
-        help="show hidden topics, services and actions as well",
-    )
-
-
+@takes(
+    *NODE,
+    argument("node_name", help="full name of the node (e.g. '/talker')"),
+    flag("--include-hidden", help="show hidden topics, services and actions as well"),
+)
 def info_main(args: argparse.Namespace) -> str | None:
     """Print everything that a node offers and uses."""
     with graph_node(args) as node:

@@ -1,6 +1,7 @@
 """Quality of service: the options of `topic echo` and `topic pub`, and what fits publishers."""
 
 import argparse
+from collections.abc import Iterator
 from enum import Enum
 from typing import TypeVar
 
@@ -15,6 +16,8 @@ from rclpy.qos import (
     QoSReliabilityPolicy,
 )
 
+from standin.arguments import Declare, argument
+
 Policy = TypeVar("Policy", bound=Enum)
 
 POLICIES = {
@@ -25,26 +28,20 @@ POLICIES = {
 }
 
 
-def add_qos_arguments(parser: argparse.ArgumentParser, default: str) -> None:
+def qos_arguments(default: str) -> Iterator[Declare]:
     """A preset profile, `default` unless named, and overrides of its policies."""
-    parser.add_argument(
+    yield argument(
         "--qos-profile",
         choices=QoSPresetProfiles.short_keys(),
         default=default,
         help="preset quality of service (default: %(default)s)",
     )
-    parser.add_argument(
-        "--qos-depth", metavar="N", type=int, help="queue size, in place of the profile's"
-    )
+    other = "in place of the profile's"
+    yield argument("--qos-depth", metavar="N", type=int, help=f"queue size, {other}")
     for name, policy in POLICIES.items():
-        parser.add_argument(
-            f"--qos-{name}", choices=policy.short_keys(), help=f"{name}, in place of the profile's"
-        )
-    parser.add_argument(
-        "--qos-liveliness-lease-duration-seconds",
-        type=float,
-        help="liveliness lease duration, in place of the profile's",
-    )
+        yield argument(f"--qos-{name}", choices=policy.short_keys(), help=f"{name}, {other}")
+    what = f"liveliness lease duration, {other}"
+    yield argument("--qos-liveliness-lease-duration-seconds", type=float, help=what)
 
 
 def chosen_profile(args: argparse.Namespace) -> QoSProfile:

@@ -1,50 +1,29 @@
-"""`ros2 topic`: which topics there are, who publishes and subscribes; echo, hz, pub are apart."""
+"""`ros2 topic`: which topics there are, who publishes and subscribes; the rest is apart."""
 
 import argparse
 
-from standin.graph import add_node_arguments, discover, graph_node, print_names, topics
-from standin.topic_echo import add_echo_arguments, echo_main
-from standin.topic_hz import add_hz_arguments, hz_main
-from standin.topic_pub import add_pub_arguments, pub_main
+from standin.arguments import (
+    NODE,
+    SHOW_TYPES,
+    TOPIC_NAME,
+    argument,
+    count_only,
+    flag,
+    include_hidden,
+    takes,
+)
+from standin.graph import discover, graph_node, print_found, print_names, print_types, topics
 
-__all__ = [
-    "add_echo_arguments",
-    "add_hz_arguments",
-    "add_pub_arguments",
-    "echo_main",
-    "hz_main",
-    "pub_main",
-]
-
-
-def add_shared_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments between `topic` and the verb."""
-    parser.add_argument(
-        "--include-hidden-topics", action="store_true", help="consider hidden topics as well"
-    )
+HIDDEN = include_hidden("topics", default=argparse.SUPPRESS)
 
 
-def add_list_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `topic list`."""
-    add_node_arguments(parser)
-    parser.add_argument("-t", "--show-types", action="store_true", help="show the types as well")
-    parser.add_argument(
-        "-c", "--count-topics", action="store_true", help="show only how many there are"
-    )
-    parser.add_argument(
-        "--include-hidden-topics",
-        action="store_true",
-        default=argparse.SUPPRESS,
-        help="consider hidden topics as well",
-    )
-    parser.add_argument(
-        "-v",
-        "--verbose",
-        action="store_true",
-        help="show types and number of publishers and subscribers",
-    )
-
-
+@takes(
+    *NODE,
+    SHOW_TYPES,
+    count_only("topics"),
+    HIDDEN,
+    flag("-v", "--verbose", help="show types and number of publishers and subscribers"),
+)
 def list_main(args: argparse.Namespace) -> None:
     """Print the topics of the graph."""
     with graph_node(args) as node:
@@ -66,18 +45,11 @@ def list_main(args: argparse.Namespace) -> None:
         print()
 
 
-def add_info_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `topic info`."""
-    add_node_arguments(parser)
-    parser.add_argument("topic_name", help="name of the topic (e.g. '/chatter')")
-    parser.add_argument(
-        "-v",
-        "--verbose",
-        action="store_true",
-        help="show every endpoint with its node, type, GUID and QoS",
-    )
-
-
+@takes(
+    *NODE,
+    TOPIC_NAME,
+    flag("-v", "--verbose", help="show every endpoint with its node, type, GUID and QoS"),
+)
 def info_main(args: argparse.Namespace) -> str | None:
     """Print type, publishers and subscriptions of a topic."""
     with graph_node(args) as node:
@@ -98,17 +70,20 @@ def info_main(args: argparse.Namespace) -> str | None:
     return None
 
 
-def add_type_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `topic type`."""
-    add_node_arguments(parser)
-    parser.add_argument("topic_name", help="name of the topic (e.g. '/chatter')")
-
-
+@takes(*NODE, TOPIC_NAME)
 def type_main(args: argparse.Namespace) -> int:
     """Print the types of a topic; code 1 when there is no such topic."""
+    return print_types(args, args.topic_name, lambda node: topics(node, hidden=True))
+
+
+@takes(
+    *NODE,
+    argument("topic_type", help="type of the topics (e.g. 'std_msgs/msg/String')"),
+    count_only("topics"),
+    HIDDEN,
+)
+def find_main(args: argparse.Namespace) -> None:
+    """Print the topics of a type."""
     with graph_node(args) as node:
-        discover(node, args.spin_time, lambda: args.topic_name in dict(topics(node, hidden=True)))
-        types = dict(topics(node, hidden=True)).get(args.topic_name, [])
-    for name in types:
-        print(name)
-    return 0 if types else 1
+        discover(node, args.spin_time)
+        print_found(topics(node, args.include_hidden_topics), args.topic_type, args.count_topics)

@@ -4,23 +4,29 @@ import time
 from typing import Any
 
 import rclpy
-from rclpy.exceptions import InvalidTopicNameException
-from rclpy.expand_topic_name import expand_topic_name
 from rclpy.node import Node
-from rclpy.validate_full_topic_name import validate_full_topic_name
 
-from standin.graph import discover, topics
+from standin.graph import discover, expanded_name, topics
 from standin.messages import interface_class
+
+_PATIENCE = 5.0
+"""How much longer than for the graph it is looked for a topic that nothing is possible without.
+
+The original's daemon knows the graph already; on a busy machine its discovery takes seconds.
+"""
 
 
 def published_class(
     node: Node, topic: str, spin_time: float, wait: bool = False, quiet: bool = False
 ) -> Any:
-    """The class of a topic's messages; None when nobody has the topic within spin_time seconds.
+    """The class of a topic's messages; None when nobody has the topic in time.
 
-    With wait, wait until somebody has; unless quiet, say that nobody has.
+    That is within spin_time seconds when the caller does without (quiet), or waits until somebody
+    has it (wait); else the command ends without it, and some more patience is worth it. Unless
+    quiet, say that nobody has.
     """
-    discover(node, spin_time, lambda: is_published(node, topic))
+    patience = 1.0 if quiet or wait else _PATIENCE
+    discover(node, patience * spin_time, lambda: is_published(node, topic))
     found = class_in_graph(node, topic)
     if found is None and not quiet:
         print(f"WARNING: topic [{topic}] does not appear to be published yet")
@@ -43,12 +49,7 @@ def class_in_graph(node: Node, topic: str) -> Any:
 
     Raises RuntimeError when the name is not valid or the topic has no usable type.
     """
-    try:
-        name = expand_topic_name(topic, node.get_name(), node.get_namespace())
-        validate_full_topic_name(name)
-    except (ValueError, InvalidTopicNameException) as error:
-        raise RuntimeError(error) from None
-    types = dict(topics(node, hidden=True)).get(name)
+    types = dict(topics(node, hidden=True)).get(expanded_name(node, topic))
     if types is None:
         return None
     if len(types) > 1:

@@ -9,62 +9,20 @@ from rclpy.event_handler import SubscriptionEventCallbacks, UnsupportedEventType
 from rclpy.node import Node
 from rclpy.task import Future
 
-from standin.arguments import non_negative_int, positive_float
-from standin.graph import add_node_arguments, graph_node
+from standin.arguments import (
+    CSV,
+    NODE,
+    SHORTENING,
+    TOPIC_NAME,
+    argument,
+    flag,
+    positive_float,
+    takes,
+)
+from standin.graph import graph_node
 from standin.messages import Shortening, interface_class, to_csv, to_yaml
-from standin.qos import add_qos_arguments, chosen_profile, compatible_profile, is_overridden
+from standin.qos import chosen_profile, compatible_profile, is_overridden, qos_arguments
 from standin.topic_class import published_class
-
-
-def add_echo_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `topic echo`."""
-    add_node_arguments(parser)
-    parser.add_argument("topic_name", help="name of the topic (e.g. '/chatter')")
-    parser.add_argument(
-        "message_type", nargs="?", help="type of the messages (e.g. 'std_msgs/msg/String')"
-    )
-    add_qos_arguments(parser, "sensor_data")
-    parser.add_argument(
-        "--csv", action="store_true", help="all fields on one line, separated by commas"
-    )
-    parser.add_argument(
-        "--field",
-        help="only this field; a dot leads to the fields of a field (e.g. pose.pose.position)",
-    )
-    parser.add_argument(
-        "--full-length", "-f", action="store_true", help="do not shorten arrays and strings"
-    )
-    parser.add_argument(
-        "--truncate-length",
-        "-l",
-        type=non_negative_int,
-        default=128,
-        help="length to which arrays and strings are shortened (default: %(default)s)",
-    )
-    parser.add_argument("--no-arr", action="store_true", help="leave arrays out")
-    parser.add_argument("--no-str", action="store_true", help="leave strings out")
-    parser.add_argument(
-        "--flow-style", action="store_true", help="arrays on one line (no effect on --csv)"
-    )
-    parser.add_argument(
-        "--no-lost-messages", action="store_true", help="do not report lost messages"
-    )
-    parser.add_argument("--raw", action="store_true", help="the message's bytes as they came")
-    parser.add_argument(
-        "--filter",
-        dest="filter_expr",
-        help="print only where this Python expression of m, the message, is true",
-    )
-    parser.add_argument("--once", action="store_true", help="exit after the first message")
-    parser.add_argument(
-        "--timeout", metavar="N", type=positive_float, help="exit after this number of seconds"
-    )
-    parser.add_argument(
-        "--include-message-info",
-        "-i",
-        action="store_true",
-        help="show when and as which message it came",
-    )
 
 
 class Echo:
@@ -76,9 +34,7 @@ class Echo:
         if args.field is not None and not self.path:
             raise RuntimeError(f"Invalid field value '{args.field}'")
         self.filter = eval(f"lambda m: ({args.filter_expr})") if args.filter_expr else None
-        self.shortening = Shortening(
-            None if args.full_length else args.truncate_length, args.no_arr, args.no_str
-        )
+        self.shortening = Shortening.chosen(args)
         self.done = Future()
 
     def on_message(self, message: Any, info: dict[str, Any]) -> None:
@@ -119,6 +75,30 @@ class Echo:
         )
 
 
+@takes(
+    *NODE,
+    TOPIC_NAME,
+    argument("message_type", nargs="?", help="type of the messages (e.g. 'std_msgs/msg/String')"),
+    *qos_arguments("sensor_data"),
+    CSV,
+    argument(
+        "--field",
+        help="only this field; a dot leads to the fields of a field (e.g. pose.pose.position)",
+    ),
+    *SHORTENING,
+    flag("--no-lost-messages", help="do not report lost messages"),
+    flag("--raw", help="the message's bytes as they came"),
+    argument(
+        "--filter",
+        dest="filter_expr",
+        help="print only where this Python expression of m, the message, is true",
+    ),
+    flag("--once", help="exit after the first message"),
+    argument(
+        "--timeout", metavar="N", type=positive_float, help="exit after this number of seconds"
+    ),
+    flag("--include-message-info", "-i", help="show when and as which message it came"),
+)
 def echo_main(args: argparse.Namespace) -> None:
     """Print messages of a topic until --once, --timeout or an interrupt."""
     echo = Echo(args)

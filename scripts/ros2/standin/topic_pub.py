@@ -7,74 +7,77 @@ from typing import Any
 import rclpy
 from rclpy.node import Node
 
-from standin.arguments import given_values, non_negative_int, positive_float
-from standin.graph import add_node_arguments, discover, graph_node
+from standin.arguments import (
+    OWN_NODE,
+    TOPIC_NAME,
+    argument,
+    flag,
+    given_values,
+    non_negative_int,
+    one_of,
+    positive_float,
+    takes,
+    values,
+)
+from standin.graph import discover, graph_node
 from standin.messages import fill, interface_class, load_values
-from standin.qos import add_qos_arguments, chosen_profile
+from standin.qos import chosen_profile, qos_arguments
 
 POLL = 0.1  # s
 
 
-def add_pub_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `topic pub`."""
-    parser.add_argument("topic_name", help="name of the topic (e.g. '/chatter')")
-    parser.add_argument("message_type", help="type of the message (e.g. 'std_msgs/String')")
-    source = parser.add_mutually_exclusive_group()
-    source.add_argument(
-        "values",
-        nargs="?",
-        default="{}",
-        help="the message's fields as YAML (e.g. 'data: Hello World')",
-    )
-    source.add_argument("--stdin", action="store_true", help="read the fields from standard input")
-    parser.add_argument(
+@takes(
+    TOPIC_NAME,
+    argument("message_type", help="type of the message (e.g. 'std_msgs/String')"),
+    values("the message's fields as YAML (e.g. 'data: Hello World')"),
+    argument(
         "-r",
         "--rate",
         metavar="N",
         type=positive_float,
         default=1.0,
         help="messages a second (default: 1)",
-    )
-    parser.add_argument(
+    ),
+    argument(
         "-p",
         "--print",
         metavar="N",
         type=int,
         default=1,
         help="print every N-th message only (default: 1)",
-    )
-    count = parser.add_mutually_exclusive_group()
-    count.add_argument("-1", "--once", action="store_true", help="publish one message and exit")
-    count.add_argument(
-        "-t",
-        "--times",
-        type=non_negative_int,
-        default=0,
-        help="publish this number of messages and exit",
-    )
-    parser.add_argument(
+    ),
+    one_of(
+        flag("-1", "--once", help="publish one message and exit"),
+        argument(
+            "-t",
+            "--times",
+            type=non_negative_int,
+            default=0,
+            help="publish this number of messages and exit",
+        ),
+    ),
+    argument(
         "-w",
         "--wait-matching-subscriptions",
         type=non_negative_int,
         help="wait for this number of subscriptions (default: 1 with --once or --times, else 0)",
-    )
-    parser.add_argument(
+    ),
+    argument(
         "--max-wait-time-secs",
         type=positive_float,
         help="give up waiting for them after this number of seconds",
-    )
-    parser.add_argument(
+    ),
+    argument(
         "--keep-alive",
         metavar="N",
         type=positive_float,
         default=0.1,
         help="seconds to stay after the last message (default: 0.1)",
-    )
-    parser.add_argument("-n", "--node-name", help="name of the publishing node")
-    add_qos_arguments(parser, "default")
-    add_node_arguments(parser, daemon=False)
-
-
+    ),
+    argument("-n", "--node-name", help="name of the publishing node"),
+    *qos_arguments("default"),
+    *OWN_NODE,
+)
 def pub_main(args: argparse.Namespace) -> str | None:
     """Publish the number of messages asked for, or for ever; a string is what went wrong."""
     times = 1 if args.once else args.times
@@ -87,8 +90,8 @@ def pub_main(args: argparse.Namespace) -> str | None:
             message = interface_class(args.message_type, "msg")()
         except ValueError:
             raise RuntimeError("The passed message type is invalid") from None
-        values = load_values(values_text)
-        if not isinstance(values, dict):
+        fields = load_values(values_text)
+        if not isinstance(fields, dict):
             return "The passed value needs to be a dictionary in YAML format"
         publisher = node.create_publisher(type(message), args.topic_name, chosen_profile(args))
         if awaited == 0 and args.max_wait_time_secs is not None:
@@ -105,7 +108,7 @@ def pub_main(args: argparse.Namespace) -> str | None:
                 f"but only got {publisher.get_subscription_count()} subscribers"
             )
         try:
-            now_setters = fill(message, values, expand_now=True)
+            now_setters = fill(message, fields, expand_now=True)
         except Exception as error:  # whatever the message's own setters raise is the user's answer
             return f"Failed to populate field: {error}"
         print("publisher: beginning loop")

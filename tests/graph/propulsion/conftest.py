@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import socket
+import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -11,25 +12,35 @@ import pytest
 from nav_msgs.msg import Odometry
 from pymavlink.dialects.v20 import common as mavlink
 from rclpy.node import Node
+from seen_robot import SETTINGS
 from std_srvs.srv import SetBool
 
-from husky_bringup.scripts import stop_walking
-from husky_description import graph
-from husky_description.nodes import qos, stamps
+from husky_description.gravity import GRAVITY
 from husky_description.robot import load_robot
+from husky_experiments.scripts import stop_walking
 from husky_msgs.msg import FanState, PropulsionCommand
+from husky_pu.mavlink.frames import signing_time
+from husky_runtime import graph, qos
+from husky_runtime.nodes import stamps
 
-GRACE = 1.0
+GRACE = 2.0
 """Wall time after which the nodes give up a silent peer in these tests [s]."""
 COMMAND_PERIOD = 0.01
 """Between two commands [s]."""
 SHARE = 0.4
 """Of the weight, on the fans."""
-WEIGHT = float(load_robot().mass) * 9.81
+WEIGHT = float(load_robot().mass) * GRAVITY
+LOW_PULSES = 1.2
+"""The speed controllers want to see a second of low pulses [s]."""
+_SLEW, _QUICK_SLEW = 0.4, 1.0
+"""How fast the share changes by default, and while it rises to where a test begins: more would meet
+the bridge's limit [1/s]."""
 THRUST_PERIOD = 2.0
 """After a loss all fans are at rest by then [s]."""
 NO_THRUST = 0.01 * WEIGHT
 """Of all fans, that counts as none [N]."""
+REST = 0.4
+"""After the last thrust it is watched so long that none comes back [s]."""
 RISE = 0.02 * WEIGHT
 """By how much the thrust of all fans may rise above its lowest since a loss [N]."""
 
@@ -50,6 +61,7 @@ class Fans:
         self._states = robot.tap(FanState, graph.FAN_STATE)
         self._truths = robot.tap(Odometry, graph.GROUND_TRUTH)
         self._before = 0.0
+        self._spinning = 0.0  # time from which on the speed controllers obey
 
     # What is seen ---------------------------------------------------------------------------
     def watch(self) -> float:
@@ -87,6 +99,11 @@ class Fans:
         return float(sum(fans.thrust)) if fans is not None else 0.0
 
     @property
+    def rests(self) -> bool:
+        """Whether no fan makes thrust."""
+        return self.lift() < NO_THRUST
+
+    @property
     def seen(self) -> str:
         """What was seen last, for failures."""
         p = self.session.propulsion
@@ -109,13 +126,18 @@ class Fans:
         return bool(0.9 < total.min() and total.max() < 1.1)
 
     def thrust_ends(self, since: float, settled: float = 0.0) -> float:
-        """Return how long after a loss the last thrust acted [s], at most `THRUST_PERIOD`.
+        """Wait until the fans are at rest; return how long after a loss the last thrust acted [s].
 
-        On its way there it never rises, or while it settles [s] not above what it was.
+        That is at most `THRUST_PERIOD`. On its way there it never rises, or while it settles [s]
+        not above what it was.
         """
+        s = self.session
+        while not self.rests and s.time < since + THRUST_PERIOD:
+            s.advance(0.1)
+        s.advance(REST)
         times, thrusts = self.thrusts()
         total = thrusts.sum(axis=1)
-        assert len(times) > 100 and times[-1] > since + THRUST_PERIOD, "the tap heard too little"
+        assert len(times) > 30 and times[-1] > s.time - 0.1, "the tap heard too little"
         rise = self.rise(since + settled)
         assert rise <= RISE, f"thrust rises by {rise:.2f} N"
         assert total.max() <= self._before + RISE, f"thrust rises to {total.max():.2f} N"
@@ -134,18 +156,36 @@ class Fans:
         """Ask the fans for a share of the weight."""
         self.session.set_parameter(graph.LOW_LEVEL_CONTROLLER, "assist.share", float(share))
 
+    def arm(self) -> None:
+        """Hand the fans to the controller; it asks nothing of them yet."""
+        s = self.session
+        self.robot.until(self.is_told, "news of the unit", within=3.0, step=0.1)
+        if s.propulsion.armed:
+            return
+        self.share(0.0)
+        s.set_flight_mode("OFFBOARD")
+        # Once it has been still for a while, and has heard commands of no thrust.
+        self.robot.until(self._may_arm, f"arming, now {self.seen}", within=2.0, step=0.1)
+        self._spinning = s.time + LOW_PULSES
+        s.advance(0.2)
+        assert self.is_told() and s.propulsion.armed, self.seen
+        assert s.propulsion.mode == "OFFBOARD", self.seen
+
+    def _may_arm(self) -> bool:
+        return bool(self.session.call(graph.PROPULSION_ARM, SetBool.Request(data=True)).success)
+
+    def stand(self) -> None:
+        """Arm where the robot sits in a fresh world, and stand up meanwhile."""
+        self.robot.enable()
+        self.arm()
+        self.robot.stand()
+
     def assist(self) -> None:
         """Arm, and wait until the fans of the standing robot carry their share."""
         s = self.session
-        self.robot.until(self.is_told, "news of the unit", within=3.0, step=0.1)
-        if not s.propulsion.armed:
-            self.share(0.0)
-            s.advance(1.0)  # until it is still, and has heard commands of no thrust
-            s.set_flight_mode("OFFBOARD")
-            s.arm()
-            s.advance(1.2)  # the speed controllers want to see a second of low pulses
-            assert self.is_told() and s.propulsion.armed, self.seen
-            assert s.propulsion.mode == "OFFBOARD", self.seen
+        self.arm()
+        s.advance(max(0.0, self._spinning - s.time))
+        s.set_parameter(graph.LOW_LEVEL_CONTROLLER, "assist.slew", _QUICK_SLEW)
         self.share(SHARE)
         self.robot.until(
             lambda: self.lift() > 0.97 * SHARE * WEIGHT,
@@ -153,6 +193,7 @@ class Fans:
             within=4.0,
             step=0.1,
         )
+        s.set_parameter(graph.LOW_LEVEL_CONTROLLER, "assist.slew", _SLEW)
 
     def arming_refused(self) -> str:
         """Try to arm; return why that is refused."""
@@ -160,14 +201,24 @@ class Fans:
         assert not answer.success, self.seen
         return str(answer.message)
 
+    @property
+    def carries(self) -> bool:
+        """Whether the fans carry their share."""
+        p = self.session.propulsion
+        share = self.lift() / (SHARE * WEIGHT)
+        return self.is_told() and bool(p.armed) and not p.failsafe and 0.9 < share < 1.1
+
     def trot(self) -> None:
         """Stand up, arm, assist and trot, as far as that is not so already."""
         robot = self.robot
+        if robot.trots and self.carries:
+            robot.trot()
+            return
         if not robot.stands:
             self.share(0.0)
             self.heal()
             robot.start_again()
-            robot.stand()
+            self.stand()
         self.assist()
         robot.trot()
 
@@ -178,7 +229,9 @@ class Fans:
             stop_walking(self.session)
         if not self.robot.stands:
             self.share(0.0)
-            self.robot.recover()
+            self.robot.enable()
+            self.robot.start_again()
+            self.stand()
         self.assist()
         assert self.robot.stands and self.robot.height > 0.5, self.seen
 
@@ -193,6 +246,7 @@ class Stranger:
         if key:
             self._codec.signing.secret_key = key
             self._codec.signing.sign_outgoing = True
+            self._codec.signing.timestamp = signing_time(time.time())
 
     def pack(self, message: Any) -> bytes:
         """Return the next frame with a message."""
@@ -208,6 +262,17 @@ class Stranger:
     def send(self, data: bytes) -> None:
         """Send bytes as they are."""
         self._socket.sendto(data, self._address)
+
+    def hear(self, kind: str, patience: float = 5.0) -> None:
+        """Wait until a message of a type comes, for a while of wall time [s]."""
+        self._socket.settimeout(patience)
+        heard: set[str] = set()
+        while kind not in heard:
+            try:
+                data = self._socket.recv(2048)
+            except TimeoutError:
+                pytest.fail(f"no {kind} is heard, only {sorted(heard)}")
+            heard.update(m.get_type() for m in self._codec.parse_buffer(data) or ())
 
     def close(self) -> None:
         """Fall silent."""
@@ -255,15 +320,20 @@ class Commanding:
         s = self.session
         s.inject(graph.PLANT_INJECT_FAULT, "front_left_fan", "")
         s.reset(seed=1)
-        self.ask((0, 0, 0), 0.1)
-        while not is_told(s):
-            assert s.time < 6.0, "no news of the unit"
-            self.ask((0, 0, 0), 0.1)
+        s.wait_for(self._is_told, "news of the unit")  # which may have to open its line again
         self.ask((0, 0, 0), 1.0)  # until it has heard commands of no thrust, and is still
         s.set_flight_mode("OFFBOARD")
         s.arm()
         self.ask((0, 0, 0), 1.2)  # the speed controllers want to see a second of low pulses
         assert s.propulsion.armed, s.propulsion
+
+    def close(self) -> None:
+        """Command no more."""
+        self._node.destroy_node()
+
+    def _is_told(self) -> bool:
+        self.ask((0, 0, 0), 0.1)
+        return is_told(self.session)
 
     def told(self) -> np.ndarray:
         """Return the force that /propulsion/state tells [N] (3,)."""
@@ -282,16 +352,23 @@ class Commanding:
 
 
 @pytest.fixture(scope="module")
-def fans_of_module(new_graph: Any) -> Iterator[Fans]:
-    """The graph with fans that the tests of a module share, in lockstep."""
+def fans_of_module(graphs: Any) -> Fans:
+    """The fans of a walking robot with its unit, in lockstep."""
     settings = {
         graph.PLANT: {"grace": GRACE, "seed": 1, "body": "robot_with_unit"},
         graph.DRIVE_BRIDGE: {"grace": GRACE},
-        graph.LOW_LEVEL_CONTROLLER: {"grace": GRACE, "stand.joint_speed": 3.0},
+        graph.LOW_LEVEL_CONTROLLER: SETTINGS[graph.LOW_LEVEL_CONTROLLER],
         graph.FLIGHT_CONTROLLER: {"grace": GRACE},
     }
-    with new_graph(**settings) as robot:
-        yield Fans(robot)
+    return Fans(graphs.shared(**settings))
+
+
+@pytest.fixture(scope="module")
+def vectoring_of_module(graphs: Any, held_unit: Any) -> Iterator[Commanding]:
+    """Who commands a unit with vectoring fans that is held in the air."""
+    commanding = Commanding(graphs.shared(**held_unit(mounting="vectoring", seed=1)))
+    yield commanding
+    commanding.close()
 
 
 @pytest.fixture(scope="module")
@@ -323,6 +400,12 @@ def held_unit() -> Any:
         }
 
     return settings
+
+
+@pytest.fixture(scope="session")
+def trotting_fans() -> Any:
+    """Lets a robot of any graph trot with its fans' help."""
+    return lambda robot: Fans(robot).trot()
 
 
 @pytest.fixture

@@ -2,10 +2,18 @@
 
 import numpy as np
 import pytest
+from seen_robot import QUICKLY
 
-from husky_bringup.incline_course import Course, climb_onto, get_ready, go, has_fallen, place
-from husky_bringup.incline_settings import climbing_settings
-from husky_bringup.session import SessionError
+from husky_experiments.incline_course import (
+    Course,
+    climb_onto,
+    climbing_settings,
+    get_ready,
+    go,
+    has_fallen,
+    place,
+)
+from husky_experiments.session import SessionError
 
 pytestmark = pytest.mark.graph
 
@@ -14,7 +22,7 @@ SPEED = 0.3
 
 
 def test_climbs_and_stands_on_the_slope(new_graph):
-    settings = climbing_settings(COURSE, seed=1)
+    settings = climbing_settings(COURSE, seed=1, controller=QUICKLY)
     with new_graph(**settings) as robot:
         session = robot.session
         get_ready(session)

@@ -3,10 +3,12 @@
 import os
 import random
 
+import numpy as np
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from husky_description import graph
+from husky_experiments.scripts import stop_walking
+from husky_runtime import graph
 
 pytestmark = pytest.mark.graph
 
@@ -88,4 +90,46 @@ def test_second_sender_of_our_ids(assisted, stranger, record_property):
     assert s.propulsion.armed, assisted.seen
 
 
+def test_a_crowd_on_the_udp_port(assisted, stranger, record_property):
+    """400 peers: a new ground station is served at once, and the companion's stream flows on."""
+    s = assisted.session
+    began = assisted.watch()
+    crowd = [stranger(255, 1 + number % 250) for number in range(400)]
+    station = stranger(254, 190)
+    for _ in range(3):
+        for number, peer in enumerate(crowd, 1):
+            peer.say(heartbeat(mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID))
+            if number % 50 == 0:  # more than the port's buffer holds would be lost
+                s.advance(0.01)
+        station.say(heartbeat(mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID))
+        s.advance(0.3)
+        station.hear("ATTITUDE_QUATERNION")
+    record_property("rise_n", assisted.rise(began))
+    record_property("heights_m", assisted.trots_on())
+    assert assisted.helps(began), assisted.seen
+
+
+def test_armed_by_a_stranger_while_a_share_stands(assisted, stranger):
+    """Arming asks for no thrust: the share has to be set again, and thrust then begins at zero."""
+    s, robot = assisted.session, assisted.robot
+    stop_walking(s)
+    s.arm(False)
+    robot.until(lambda: not s.propulsion.armed, "the disarmed unit", within=3.0)
+    s.advance(1.0)
+    station = stranger(255, 190)
+    began = assisted.watch()
+    station.say(mavlink.MAVLink_command_long_message(1, 1, 400, 0, 1, _FORCE, 0, 0, 0, 0, 0))
+    robot.until(lambda: s.propulsion.armed, "the armed unit", within=2.0)
+    s.advance(3.0)
+    assert s.propulsion.armed and s.propulsion.mode == "OFFBOARD", assisted.seen
+    times, thrusts = assisted.thrusts()
+    total = thrusts[times > began + 1.0].sum(axis=1)  # the rotors have run down by then
+    assert total.max() < 1.0, f"{total.max():.1f} N though nobody asks; {assisted.seen}"
+    assisted.assist()
+    times, thrusts = assisted.thrusts()
+    assert (np.diff(thrusts.sum(axis=1)) / np.diff(times)).max() < 80.0  # N/s
+    assisted.trot()
+
+
+_FORCE = 21196
 _COUNTERS = ("impostors", "setpoints_contested")

@@ -3,8 +3,8 @@
 import pytest
 from nav_msgs.msg import Odometry
 
-from husky_description import graph
-from husky_description.nodes import stamps
+from husky_runtime import graph
+from husky_runtime.nodes import stamps
 
 pytestmark = pytest.mark.graph
 
@@ -38,7 +38,6 @@ def test_battery_empty(assisted, record_property, charge):
     s = assisted.session
     failed = assisted.watch()
     s.inject(graph.PLANT_INJECT_FAULT, "battery", charge)
-    s.advance(2.2)
     record_property("reaction_s", assisted.thrust_ends(failed, SETTLED))
     record_property("heights_m", assisted.trots_on())
     assert not s.propulsion.armed, assisted.seen

@@ -3,7 +3,7 @@
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from husky_description import graph
+from husky_runtime import graph
 
 pytestmark = pytest.mark.graph
 

@@ -6,9 +6,9 @@ The unit is held in place; this test is its controller.
 import numpy as np
 import pytest
 
-from husky_description import graph
 from husky_description.robot import load_robot
-from husky_pu.mixer import Mixer
+from husky_pu.autopilot.mixer import Mixer
+from husky_runtime import graph
 
 pytestmark = pytest.mark.graph
 
@@ -21,16 +21,10 @@ NO_THRUST = 0.5
 """Of all fans, that counts as none [N]."""
 
 
-@pytest.fixture(scope="module")
-def companion_of_module(new_graph, commanding, held_unit):
-    with new_graph(**held_unit(mounting="vectoring", seed=1)) as robot:
-        yield commanding(robot)
-
-
 @pytest.fixture
-def companion(companion_of_module):
-    companion_of_module.arm()
-    return companion_of_module
+def companion(vectoring_of_module):
+    vectoring_of_module.arm()
+    return vectoring_of_module
 
 
 def torque(session):

@@ -1,1 +1,1 @@
-"""Launch file, parameter files, recorder, teleoperation, experiments."""
+"""Launch and parameter files, recorder, teleoperation."""

@@ -3,18 +3,26 @@
 from __future__ import annotations
 
 import argparse
+import re
 import signal
 import sys
-import threading
+import time
 from collections.abc import Sequence
-from types import FrameType
 
 import yaml
 
+from husky_bringup.front import end_by_signals
 from husky_bringup.processes import Processes
 from husky_bringup.system import TIMES, NodeSpec, ParameterValue, simulated_robot
+from husky_description.robot import ROBOTS
+from husky_runtime import graph
+from husky_runtime.domain_locks import OccupiedError
 
 Settings = dict[str, dict[str, ParameterValue]]
+
+_NAMESPACE = re.compile(r"/|/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*", re.ASCII)
+_LOOK_PERIOD = 0.1
+"""Wall time between two looks at the nodes [s]."""
 
 
 def parse_setting(text: str) -> tuple[str, str, ParameterValue]:
@@ -68,6 +76,9 @@ def leave_out(specs: Sequence[NodeSpec], names: Sequence[str]) -> tuple[NodeSpec
 
 def add_robot_options(parser: argparse.ArgumentParser) -> None:
     """Declare what says which robot it is, and its parameters."""
+    parser.add_argument(
+        "--robot", choices=ROBOTS, help=f"which robot it is, {ROBOTS[0]} by default"
+    )
     parser.add_argument("--time", choices=TIMES, default="realtime", help="who sets the pace")
     add_set_option(
         parser, "e.g. plant.terrain=tiles, plant.body=robot_with_unit; may be given many times"
@@ -84,19 +95,35 @@ def robot_of(options: argparse.Namespace) -> tuple[NodeSpec, ...]:
     Raises:
         ValueError: they do not fit together.
     """
+    settings = settings_of(options)
     return simulated_robot(
-        options.time, collect(options.set), options.record, remote=options.remote
+        options.time, settings, options.record, remote=options.remote, wakes=True
     )
+
+
+def settings_of(options: argparse.Namespace) -> Settings:
+    """Return the parameters by node that `--set` and `--robot` give."""
+    settings = collect(options.set)
+    if options.robot is not None:
+        settings.setdefault(graph.PLANT, {})["robot"] = options.robot
+    return settings
 
 
 def make_parser() -> argparse.ArgumentParser:
     """Return the command line."""
     parser = argparse.ArgumentParser(
         prog="scripts/bringup.sh",
-        description="Start every node of the simulated robot; Ctrl-C or SIGTERM ends them all.",
+        description="Start every node of the simulated robot; Ctrl-C ends them all, "
+        "and so does the end of one.",
     )
     add_robot_options(parser)
     parser.add_argument("--params-file", help="a ROS parameter file for every node")
+    parser.add_argument(
+        "--namespace",
+        type=parse_namespace,
+        default="/",
+        help="of all names, e.g. robot1: for several robots in one ROS domain",
+    )
     parser.add_argument(
         "--without",
         action="append",
@@ -107,33 +134,57 @@ def make_parser() -> argparse.ArgumentParser:
     return parser
 
 
+def parse_namespace(text: str) -> str:
+    """Read the name of a robot, e.g. `robot1` or `/fleet/robot1`; return the full one.
+
+    Raises:
+        argparse.ArgumentTypeError: it is none that ROS takes.
+    """
+    if not _NAMESPACE.fullmatch(text):
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is no namespace: letters, digits and _, as robot1 or /fleet/robot1"
+        )
+    return f"/{text.strip('/')}"
+
+
+def watch(processes: Processes) -> dict[str, int]:
+    """Wait until nodes end, whichever; return their exit codes."""
+    while not (codes := processes.ended()):
+        time.sleep(_LOOK_PERIOD)
+    return codes
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run until a signal comes; return 0, or 1 when nodes failed."""
+    """Run until a signal comes, which raises, or a node ends; return 1.
+
+    A robot that has lost a node is no robot: the others are ended too.
+    """
     parser = make_parser()
     options = parser.parse_args(arguments)
     try:
         specs = leave_out(robot_of(options), options.without)
     except ValueError as error:
         parser.error(str(error))
-    stop = threading.Event()
+    try:
+        with Processes(
+            params_file=options.params_file, namespace=options.namespace
+        ) as processes:
+            processes.start_all(specs)
+            names = ", ".join(sorted(spec.name for spec in specs))
+            print(f"started {names}; Ctrl-C ends them", flush=True)
+            for name, code in watch(processes).items():
+                print(f"{name} has ended with {_told(code)}", file=sys.stderr, flush=True)
+            print("ending the others", file=sys.stderr, flush=True)
+    except (OccupiedError, ValueError) as error:
+        print(f"error: {error}", file=sys.stderr)
+    return 1
 
-    def on_signal(number: int, frame: FrameType | None) -> None:
-        stop.set()
 
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, on_signal)
-    failed = False
-    with Processes(params_file=options.params_file) as processes:
-        processes.start_all(specs)
-        running = {spec.name for spec in specs}
-        print(f"started {', '.join(sorted(running))}; Ctrl-C ends them", flush=True)
-        while running and not stop.wait(0.2):
-            for name, code in processes.ended().items():
-                running.discard(name)
-                failed |= code != 0
-                print(f"{name} has ended with code {code}", file=sys.stderr, flush=True)
-    return 1 if failed else 0
+def _told(code: int) -> str:
+    """Say an exit code of `subprocess`."""
+    return f"code {code}" if code >= 0 else f"code {code} ({signal.Signals(-code).name})"
 
 
 if __name__ == "__main__":
+    end_by_signals()
     sys.exit(main())

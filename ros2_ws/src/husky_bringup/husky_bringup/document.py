@@ -13,13 +13,13 @@ import difflib
 import os
 import re
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
-from husky_bringup.drawings import graph_drawing, mode_drawing
-from husky_bringup.interfaces import Interface, Parameter, all_nodes, running
-from husky_control.modes import CONDITIONS, DESCRIPTIONS
-from husky_description import graph
+from husky_bringup.interfaces import Interface, NodeParameter, all_nodes, running
+from husky_control.modes.behaviour import Event
+from husky_control.modes.table import CONDITIONS, TRANSITIONS, Mode, Transition
+from husky_runtime import graph
 
 Graph = Mapping[str, Interface]
 Table = list[tuple[str, ...]]
@@ -111,9 +111,7 @@ def _topics(nodes: Graph) -> Table:
         ]
         row = known.get(name)
         traffic = f"{row.qos}, {row.rate:g} Hz" if row and row.rate else row.qos if row else ""
-        rows.append(
-            (_code(name), _code(kind), ", ".join(sources), ", ".join(targets), traffic, "")
-        )
+        rows.append((_code(name), _code(kind), ", ".join(sources), ", ".join(targets), traffic, ""))
     return [("topic", "type", "from", "to", "quality of service, rate", BY_HAND), *rows]
 
 
@@ -127,7 +125,7 @@ def _services(nodes: Graph) -> Table:
 
 
 def _interface(node: Interface) -> Table:
-    if {name for name, _ in node.subscribes} == {topic.name for topic in graph.TOPICS}:
+    if {topic.name for topic in graph.TOPICS} <= {name for name, _ in node.subscribes}:
         return [("", "name", BY_HAND), ("subscribes to", EVERY_TOPIC, "")]
     rows = [
         ("offers action" if "/action/" in kind else verb, _code(name), _code(kind), "")
@@ -159,8 +157,8 @@ def _parameters(node: Interface) -> Table:
 
 
 def _gaits(node: Interface) -> Table:
-    """Parameters gait.<gait>.<column>, a column for each gait."""
-    columns: dict[str, dict[str, Parameter]] = {}
+    """Parameters gait.<gait>.<column>, a column for each gait: its value and what is allowed."""
+    columns: dict[str, dict[str, NodeParameter]] = {}
     for parameter in node.parameters:
         match = _GAIT.fullmatch(parameter.name)
         if match:
@@ -168,16 +166,15 @@ def _gaits(node: Interface) -> Table:
     names = sorted({name for of_gait in columns.values() for name in of_gait})
     rows: Table = []
     for column, of_gait in columns.items():
-        values = [default_text(of_gait[name]) if name in of_gait else "" for name in names]
+        values = [_with_range(of_gait[name]) if name in of_gait else "" for name in names]
         one = next(iter(of_gait.values()))
-        ranges = " or ".join(dict.fromkeys(_allowed(p) for p in of_gait.values()))
         what = _plain(one.description.partition(" (")[0])
-        rows.append((_code(f"gait.<gait>.{column}"), *values, unit(one), ranges, what))
-    return [("parameter", *names, "unit", "allowed", "meaning"), *rows]
+        rows.append((_code(f"gait.<gait>.{column}"), *values, unit(one), what))
+    return [("parameter", *names, "unit", "meaning"), *rows]
 
 
 def _mode_meanings(_: Graph) -> Table:
-    rows = [(_code(mode.value), what) for mode, what in DESCRIPTIONS.items()]
+    rows = [(_code(mode.value), mode.meaning) for mode in Mode]
     return [("mode", "meaning"), *rows]
 
 
@@ -197,17 +194,15 @@ _TABLES_OF_NODE = {"interface": _interface, "parameters": _parameters, "gaits": 
 
 
 # Cells ----------------------------------------------------------------------------------------
-def unit(parameter: Parameter) -> str:
+def unit(parameter: NodeParameter) -> str:
     """Return the unit that a description gives in brackets, "" where it gives none."""
     match = _UNIT.search(parameter.description)
     return match[1] if match else ""
 
 
-def default_text(parameter: Parameter) -> str:
+def default_text(parameter: NodeParameter) -> str:
     """Return a value as it may be typed; the ROS domain in a path is left open."""
     value = parameter.value
-    if value == [topic.name for topic in graph.TOPICS]:
-        return EVERY_TOPIC
     if isinstance(value, str):
         domain = re.escape(Path(graph.serial_port("x", 0)).parent.name).replace("0", r"\d+")
         return _code(re.sub(domain, "husky-<ROS_DOMAIN_ID>", value)) if value else "empty"
@@ -216,7 +211,13 @@ def default_text(parameter: Parameter) -> str:
     return str(value).lower() if isinstance(value, bool) else repr(value)
 
 
-def _allowed(parameter: Parameter) -> str:
+def _with_range(parameter: NodeParameter) -> str:
+    if parameter.lower == parameter.upper:
+        return default_text(parameter)
+    return f"{default_text(parameter)} ({_allowed(parameter)})"
+
+
+def _allowed(parameter: NodeParameter) -> str:
     if parameter.lower is not None and parameter.upper is not None:
         return f"{parameter.lower:.10g} to {parameter.upper:.10g}"
     return _plain(parameter.allowed)
@@ -228,6 +229,56 @@ def _code(text: str) -> str:
 
 def _plain(text: str) -> str:
     return re.sub(r"([|<])", r"\\\1", text)
+
+
+# Drawings -------------------------------------------------------------------------------------
+_WIRES = (
+    f'{graph.PLANT} == "serial line" ==> {graph.VN200_DRIVER}',
+    f'{graph.PLANT} == "poses" ==> {graph.T265_DRIVER}',
+    f'{graph.PIXHAWK_BRIDGE} <== "MAVLink" ==> {graph.FLIGHT_CONTROLLER}',
+    f'{graph.RC_TRANSMITTER} == "SBUS" ==> {graph.FLIGHT_CONTROLLER}',
+)
+"""Edges of the graph that are no topics."""
+
+
+def graph_drawing(nodes: Graph) -> list[str]:
+    """Return the graph; the recorder, which listens to everything, is left out."""
+    edges: dict[tuple[str, str], list[str]] = {}
+    drawn = [node for node in nodes.values() if node.name != graph.RECORDER]
+    for source in drawn:
+        for target in drawn:
+            heard = set(source.publishes) & set(target.subscribes)
+            if heard and source is not target:
+                edges[source.name, target.name] = sorted(name for name, _ in heard)
+    lines = [f'{a} -- "{"<br>".join(names)}" --> {b}' for (a, b), names in edges.items()]
+    return ["flowchart LR", *(f"    {line}" for line in [*sorted(lines), *_WIRES])]
+
+
+def mode_drawing() -> list[str]:
+    """Return the mode machine: what is asked for, in brackets what must hold, or what happens."""
+    lines, groups = [f"[*] --> {Mode.PASSIVE.value}"], dict[str, str]()
+    for row in TRANSITIONS:
+        source = _members(row.sources)
+        if len(row.sources) > 1:  # drawn as one state, or the arrows hide the machine
+            name = groups.setdefault(source, f"several_{len(groups) + 1}")
+            source, shown = name, source
+            lines.append(f'state "{shown}" as {name}')
+        lines.append(f"{source} --> {row.target.value}: {_label(row)}")
+    return ["stateDiagram-v2", *(f"    {line}" for line in lines)]
+
+
+def _members(modes: Iterable[Mode]) -> str:
+    """Name modes in the order of their declaration, or those that are missing."""
+    chosen = [mode.value for mode in Mode if mode in set(modes)]
+    missing = [mode.value for mode in Mode if mode.value not in chosen]
+    return f"any but {missing[0]}" if len(missing) == 1 else ", ".join(chosen)
+
+
+def _label(row: Transition) -> str:
+    # A semicolon would end the line in Mermaid.
+    what = " or ".join(row.requests) if row.event is Event.REQUEST else row.label.replace(";", ",")
+    needed = ", ".join(condition.replace("_", " ") for condition in row.conditions)
+    return f"{what} [{needed}]" if needed else what
 
 
 # Command line ---------------------------------------------------------------------------------

@@ -21,7 +21,7 @@ from rclpy.task import Future
 
 from husky_bringup.processes import Processes
 from husky_bringup.system import NodeSpec, ParameterValue, simulated_robot
-from husky_description import graph
+from husky_runtime import graph
 
 _EVERY_NODE = ("rcl_interfaces", "type_description_interfaces")
 """Packages of the topics and services that every node of rclpy has."""
@@ -46,7 +46,7 @@ Result = TypeVar("Result")
 
 
 @dataclass(frozen=True)
-class Parameter:
+class NodeParameter:
     """A parameter of a node: its value now, and what its descriptor says."""
 
     name: str
@@ -65,7 +65,8 @@ class Interface:
     An action stands among the services, under its own type.
 
     Parameters are in the order of their declaration.
-    Left out is what every node has (parameter services, `/rosout`) and every lifecycle node has.
+    Left out is what every node has (parameter services, `/rosout`, an ear for `/clock`) and every
+    lifecycle node has.
     """
 
     name: str
@@ -75,7 +76,7 @@ class Interface:
     subscribes: tuple[tuple[str, str], ...]
     offers: tuple[tuple[str, str], ...]
     calls: tuple[tuple[str, str], ...]
-    parameters: tuple[Parameter, ...] = ()
+    parameters: tuple[NodeParameter, ...] = ()
 
 
 def all_nodes() -> tuple[NodeSpec, ...]:
@@ -183,8 +184,9 @@ class Reader:
         return response
 
     def node_names(self) -> list[str]:
-        """Return the names of the nodes that have been discovered."""
-        return [name for name in self.node.get_node_names() if name != self.node.get_name()]
+        """Return the names of the nodes that have been discovered, but for hidden ones."""
+        names = self.node.get_node_names()
+        return [n for n in names if n != self.node.get_name() and not n.startswith("_")]
 
     def read(self, specs: Sequence[NodeSpec]) -> dict[str, Interface]:
         """Return what nodes offer, by name, once they are up and discovered.
@@ -197,9 +199,7 @@ class Reader:
         # A node answers when its constructor has ended: then it has everything that it will have.
         parameters = {name: self._parameters(name) for name in names}
         return self._steady(
-            lambda: {
-                spec.name: self._interface(spec, parameters[spec.name]) for spec in specs
-            }
+            lambda: {spec.name: self._interface(spec, parameters[spec.name]) for spec in specs}
         )
 
     def _steady(self, look: Callable[[], Result]) -> Result:
@@ -212,7 +212,7 @@ class Reader:
                 seen, since = now, time.monotonic()
         return seen
 
-    def _interface(self, spec: NodeSpec, parameters: tuple[Parameter, ...]) -> Interface:
+    def _interface(self, spec: NodeSpec, parameters: tuple[NodeParameter, ...]) -> Interface:
         def own(found: list[tuple[str, list[str]]]) -> tuple[tuple[str, str], ...]:
             """Leave out what every node has; an action is one thing, known by its goals."""
             return tuple(
@@ -226,18 +226,23 @@ class Reader:
 
         node, where = self.node, (spec.name, "/")
         services = node.get_service_names_and_types_by_node(*where)
+        heard = node.get_subscriber_names_and_types_by_node(*where)
+        clock = graph.absolute(graph.CLOCK)
+        clocks = [info.node_name for info in node.get_subscriptions_info_by_topic(clock)]
+        if clocks.count(spec.name) == 1:  # that of its time source
+            heard = [(name, types) for name, types in heard if name != clock]
         return Interface(
             name=spec.name,
             package=spec.package,
             lifecycle=any(types[0].startswith(_LIFECYCLE) for _, types in services),
             publishes=own(node.get_publisher_names_and_types_by_node(*where)),
-            subscribes=own(node.get_subscriber_names_and_types_by_node(*where)),
+            subscribes=own(heard),
             offers=own(services),
             calls=own(node.get_client_names_and_types_by_node(*where)),
             parameters=parameters,
         )
 
-    def _parameters(self, name: str) -> tuple[Parameter, ...]:
+    def _parameters(self, name: str) -> tuple[NodeParameter, ...]:
         client = AsyncParameterClient(self.node, name)
         self.wait_until(client.services_are_ready, f"parameter services of {name}")
         listed = self.result(client.list_parameters(), f"parameters of {name}").result.names
@@ -258,9 +263,9 @@ class Reader:
         return [info.qos_profile for info in self.node.get_publishers_info_by_topic(topic)]
 
 
-def _parameter(descriptor: Any, value: Any) -> Parameter:
+def _parameter(descriptor: Any, value: Any) -> NodeParameter:
     ranges = [*descriptor.floating_point_range, *descriptor.integer_range]
-    return Parameter(
+    return NodeParameter(
         name=descriptor.name,
         value=list(value) if hasattr(value, "tolist") else value,
         description=descriptor.description,

@@ -1,11 +1,12 @@
 """When a recorded message happened: the robot's time, taken from the stamps of the messages.
 
 A run that is faster or slower than real time must play back at the pace of the robot, so a bag's
-log times are the stamps. Topics differ in how far their stamps can be trusted, hence three rules:
+log times are the stamps. Topics differ in how far their stamps can be trusted, hence these rules:
 
 - The topics of the tick set the *present*: of those that are heard, the first in the graph's table.
+- Where none of them is heard, wall time is the present.
 - A stamp within `WINDOW_NS` of the present is the log time of its message. All others (no stamp, or
-  one of another clock, such as a node's own wall time on `/diagnostics`) get the present.
+  one of another clock, such as wall time of somebody's own node) get the present.
 - When the present jumps back, time has been reset; from then on log times are shifted, so that they
   go on where they were and the bag stays in order. The messages keep the stamps they came with.
 """
@@ -23,15 +24,19 @@ _STAMP_BIG = struct.Struct(">iI")
 
 
 def read_stamp(message: bytes) -> int:
-    """Return the stamp at the start of a serialized message, in nanoseconds.
+    """Return the stamp at the start of a serialized message, in nanoseconds; -1 if it has none.
+
+    No stamp is before 0; whoever sends one, or a message that is cut short, says nothing of time.
 
     Args:
         message: CDR with its encapsulation header of 4 bytes, of a type that begins with a
             `builtin_interfaces/Time` or a `std_msgs/Header`.
     """
+    if len(message) < 4 + _STAMP_LITTLE.size:
+        return -1
     layout = _STAMP_LITTLE if message[1] & 1 else _STAMP_BIG
     seconds, nanoseconds = layout.unpack_from(message, 4)
-    return int(seconds) * 1_000_000_000 + int(nanoseconds)
+    return int(seconds) * 1_000_000_000 + int(nanoseconds) if seconds >= 0 else -1
 
 
 class LogTime:
@@ -50,6 +55,19 @@ class LogTime:
         self._newest = 0
         self._shift = 0
 
+    @property
+    def is_paced(self) -> bool:
+        """Whether a topic that sets the present has been heard."""
+        return self._rank != _UNKNOWN_RANK
+
+    def go_by(self, now: int) -> int:
+        """Return the log time of a message while nothing has told the robot's time: wall time [ns].
+
+        The robot's time, once it is told, goes on from there, unless it is the same clock.
+        """
+        self.present = max(now, self.present or 0)
+        return self.present
+
     def pace(self, rank: int, stamp: int) -> int:
         """Return the log time of a message of a topic that may set the present [ns].
 
@@ -59,7 +77,11 @@ class LogTime:
         """
         if rank > self._rank:
             return self.place(stamp)
-        if rank < self._rank:
+        if self._rank == _UNKNOWN_RANK and self.present is not None:
+            self._rank = rank
+            if abs(stamp - self.present) > WINDOW_NS:
+                self._shift = self.present - stamp
+        elif rank < self._rank:
             # The stamps of all ticking topics are of one clock, so this is no jump.
             self._rank = rank
         elif stamp < self._newest:

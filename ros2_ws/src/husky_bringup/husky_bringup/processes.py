@@ -10,10 +10,16 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Protocol
 
+from husky_bringup.neighbours import refuse_neighbours
 from husky_bringup.system import NodeSpec
+from husky_runtime import starter
+from husky_runtime.domain_locks import Claims
 
 END_PERIOD = 3.0
 """Wall time that nodes get between SIGTERM and SIGKILL [s]."""
+
+_HURRIED_PERIOD = 2.5
+"""The same for all of them together when a signal has asked this process to end [s]."""
 
 _TURN = 0.3
 """Wall time that the next node waits for the one before it to end [s]."""
@@ -82,7 +88,9 @@ class Strangers:
 class Processes:
     """The running nodes, each in a process group of its own.
 
-    Use it as a context: at its end every process is gone.
+    Use it as a context: at its end every process is gone. Where this process does not get that far,
+    nodes end themselves when it is gone (`husky_runtime.starter`). From its start to its end a
+    node's name in the ROS domain is ours (`husky_runtime.domain_locks`).
     """
 
     def __init__(
@@ -90,6 +98,7 @@ class Processes:
         logs: Path | None = None,
         environment: Mapping[str, str] | None = None,
         params_file: str | None = None,
+        namespace: str = "/",
     ):
         """Prepare; nothing is started yet.
 
@@ -97,9 +106,18 @@ class Processes:
             logs: directory for one log file a node, or None to let them print.
             environment: added to this process's.
             params_file: a ROS parameter file given to every node.
+            namespace: of every node.
+
+        Raises:
+            ValueError: ROS_DOMAIN_ID is no domain.
         """
         self._logs = logs
-        self._environment = {**os.environ, **(environment or {})}
+        self._environment = {
+            **os.environ,
+            **(environment or {}),
+            starter.VARIABLE: starter.identity(),
+        }
+        self._claims = Claims(self._environment, namespace)
         self._params_file = params_file
         self._running: dict[str, subprocess.Popen[bytes]] = {}
 
@@ -115,17 +133,19 @@ class Processes:
         """Start a node; one of the same name that has ended may be started again.
 
         Raises:
-            RuntimeError: it runs already.
+            RuntimeError: it runs already, and we have started it.
+            OccupiedError: it runs already, and somebody else has.
         """
         if spec.name in self._running and self._running[spec.name].poll() is None:
             raise RuntimeError(f"{spec.name} is running already")
+        self._claims.take([spec.name])
         output = None
         if self._logs is not None:
             self._logs.mkdir(parents=True, exist_ok=True)
             output = (self._logs / f"{spec.name}.log").open("ab")
         try:
             process = subprocess.Popen(
-                spec.command(params_file=self._params_file),
+                spec.command(params_file=self._params_file, namespace=self._claims.namespace),
                 env=self._environment,
                 stdin=subprocess.DEVNULL,
                 stdout=output,
@@ -139,9 +159,21 @@ class Processes:
         return process
 
     def start_all(self, specs: Sequence[NodeSpec]) -> None:
-        """Start every node."""
-        for spec in specs:
-            self.start(spec)
+        """Start every node, or none where a graph of this robot is already there.
+
+        Raises:
+            OccupiedError: it is; says which nodes.
+        """
+        names = [spec.name for spec in specs]
+        self._claims.take(names)
+        try:
+            claims = self._claims
+            refuse_neighbours(names, claims.domain, self._environment, claims.namespace)
+            for spec in specs:
+                self.start(spec)
+        except BaseException:
+            self.end()
+            raise
 
     def ended(self) -> dict[str, int]:
         """Return the exit codes of nodes that have ended by themselves, and forget them."""
@@ -153,6 +185,7 @@ class Processes:
         for name in codes:
             # The command may have left the node itself behind: `ros2 run` is its parent.
             _signal_group(self._running.pop(name), signal.SIGKILL)
+        self._claims.give_up(codes)
         return codes
 
     def kill(self, name: str, number: int = signal.SIGKILL) -> None:
@@ -163,6 +196,7 @@ class Processes:
         """Wait for the end of a node that has been killed; forget it and return its exit code."""
         process = self._running.pop(name)
         _signal_group(process, signal.SIGKILL)
+        self._claims.give_up([name])
         return process.wait()
 
     def running(self, name: str) -> bool:
@@ -180,12 +214,15 @@ class Processes:
         it hears of others that leave.
         """
         chosen = [name] if name is not None else list(self._running)
+        hurried_deadline = time.monotonic() + _HURRIED_PERIOD
         for each in chosen:
             _signal_group(self._running[each], signal.SIGTERM)
             patience = time.monotonic() + _TURN
             while _group_alive(self._running[each]) and time.monotonic() < patience:
                 time.sleep(0.01)
         deadline = time.monotonic() + END_PERIOD
+        if starter.asked_to_end.is_set():
+            deadline = hurried_deadline
         codes: dict[str, int] = {}
         for each in chosen:
             process = self._running.pop(each)
@@ -194,6 +231,7 @@ class Processes:
                 time.sleep(0.01)
             _signal_group(process, signal.SIGKILL)
             codes[each] = process.wait()
+        self._claims.give_up(codes if name is not None else None)
         return codes
 
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
-from husky_description import graph
 from husky_description.mujoco_model import flying_inertia
-from husky_description.robot import load_robot
+from husky_description.robot import ROBOTS, load_robot
+from husky_runtime import graph
 
 ParameterValue = bool | int | float | str | tuple[float, ...]
 
@@ -37,14 +37,22 @@ class NodeSpec:
         """Node name: each executable makes one node of its own name."""
         return self.executable
 
-    def command(self, *, params_file: str | None = None) -> list[str]:
-        """Return the `ros2 run` command line that starts it."""
-        arguments = ["ros2", "run", self.package, self.executable, "--ros-args"]
-        if params_file is not None:
-            arguments += ["--params-file", params_file]
+    def ros_arguments(self, params_file: str | None = None, namespace: str = "/") -> list[str]:
+        """Return what stands behind `--ros-args`: the file, then our values, which go before it."""
+        # What a file says of a node by name goes before what is said of any node. Here a name is
+        # one in the root namespace; rcl takes no other.
+        named = params_file is not None and namespace == "/"
+        whose = f"{self.name}:" if named else ""
+        arguments = [] if params_file is None else ["--params-file", params_file]
         for key, value in self.parameters.items():
-            arguments += ["-p", f"{key}:={to_yaml(value)}"]
+            arguments += ["-p", f"{whose}{key}:={to_yaml(value)}"]
         return arguments
+
+    def command(self, *, params_file: str | None = None, namespace: str = "/") -> list[str]:
+        """Return the `ros2 run` command line that starts it."""
+        remap = ["-r", f"__ns:={namespace}"] if namespace != "/" else []
+        run = ["ros2", "run", self.package, self.executable, "--ros-args", *remap]
+        return [*run, *self.ros_arguments(params_file, namespace)]
 
 
 def to_yaml(value: ParameterValue) -> str:
@@ -63,53 +71,48 @@ def simulated_robot(
     settings: Mapping[str, Mapping[str, ParameterValue]] | None = None,
     record: str | None = None,
     remote: bool = False,
+    *,
+    wakes: bool = False,
 ) -> tuple[NodeSpec, ...]:
     """Return every node of the robot in simulation.
 
-    Which robot it is says the plant's parameter `body`, how its fans are mounted its `mounting`;
-    the planner takes part when the controller's parameter `planner` says so.
+    Which robot it is says the plant's parameter `robot`, what of it stands there its `body`, how
+    Carbon's fans are mounted its `mounting`; the planner takes part when the controller's
+    parameter `planner` says so.
 
     Args:
         time: one of `TIMES`.
         settings: further parameters by node name.
         record: directory of the bag, or None for no recorder.
         remote: whether the remote control takes part.
+        wakes: whether a velocity command sets a standing robot in motion, for operators' tools.
 
     Raises:
-        ValueError: unknown clock, or settings of a node that is not there.
+        ValueError: unknown clock, robot or body, or settings of a node that is not there.
     """
-    if time not in TIMES:
-        raise ValueError(f"time is {time!r}, it must be one of {', '.join(TIMES)}")
-    # Without a real-time kernel ticks come late now and then; the drives need not brake for that.
-    patience: dict[str, ParameterValue] = {"command_timeout": 0.03} if time == "realtime" else {}
     settings = settings or {}
-    body = str(settings.get(graph.PLANT, {}).get("body", "robot"))
-    if body not in graph.BODIES:
-        raise ValueError(f"body is {body!r}, it must be one of {', '.join(graph.BODIES)}")
-    mounting = settings.get(graph.PLANT, {}).get("mounting", "")
-    mounted: dict[str, ParameterValue] = {"mounting": mounting} if mounting else {}
-    specs = [NodeSpec("husky_sim", graph.PLANT, {"time": time})]
-    if body != "unit":
-        fans: dict[str, ParameterValue] = {"propulsion": True, **mounted} if body != "robot" else {}
-        specs += [
-            NodeSpec("husky_drivers", graph.DRIVE_BRIDGE, {"time": time, "bus": "sim", **patience}),
-            NodeSpec("husky_drivers", graph.VN200_DRIVER, {"clock": "device"}),
-            NodeSpec("husky_control", graph.LOW_LEVEL_CONTROLLER, {"time": time, **fans}),
-        ]
-        if settings.get(graph.LOW_LEVEL_CONTROLLER, {}).get("planner", False):
-            specs.append(NodeSpec("husky_control", graph.PLANNER))
-    if body != "robot":
-        pixhawk: dict[str, ParameterValue] = {
-            "time": time,
-            "inertia": flying_inertia(load_robot(), body),
-        }
-        if body == "unit":
-            pixhawk["parameters"] = _TILT_ENDS_FLIGHT
-        specs += [
-            NodeSpec("husky_pu", graph.FLIGHT_CONTROLLER, {**pixhawk, **mounted}),
-            NodeSpec("husky_pu", graph.PIXHAWK_BRIDGE, {"time": time, **mounted}),
-            NodeSpec("husky_drivers", graph.T265_DRIVER, {"clock": "device"}),
-        ]
+    plant = settings.get(graph.PLANT, {})
+    body, robot = str(plant.get("body", "robot")), str(plant.get("robot", ROBOTS[0]))
+    for name, value, allowed in (
+        ("time", time, TIMES),
+        ("body", body, graph.BODIES),
+        ("robot", robot, tuple(_NODES)),
+    ):
+        if value not in allowed:
+            raise ValueError(f"{name} is {value!r}, it must be one of {', '.join(allowed)}")
+    told: dict[str, ParameterValue] = {"robot": robot} if robot != ROBOTS[0] else {}
+    mounting = plant.get("mounting", "")
+    controller = settings.get(graph.LOW_LEVEL_CONTROLLER, {})
+    choice = _Choice(
+        time=time,
+        body=body,
+        robot=robot,
+        told=told,
+        mounted={"mounting": mounting} if mounting else {},
+        planner=bool(controller.get("planner", False)),
+        wakes=wakes,
+    )
+    specs = [NodeSpec("husky_sim", graph.PLANT, {"time": time}), *_NODES[robot](choice)]
     if remote:
         specs.append(NodeSpec("husky_pu", graph.RC_TRANSMITTER, {"time": time}))
     if record is not None:
@@ -122,3 +125,94 @@ def simulated_robot(
         NodeSpec(spec.package, spec.executable, {**spec.parameters, **settings.get(spec.name, {})})
         for spec in specs
     )
+
+
+@dataclass(frozen=True)
+class _Choice:
+    """What is chosen of a robot.
+
+    Attributes:
+        time: one of `TIMES`.
+        body: what of it stands in the world.
+        robot: one of `ROBOTS`.
+        told: to every node that loads the robot.
+        mounted: to every node that must know how its fans are mounted.
+        planner: whether the planner takes part.
+        wakes: whether a velocity command sets a standing robot in motion.
+    """
+
+    time: str
+    body: str
+    robot: str
+    told: Mapping[str, ParameterValue]
+    mounted: Mapping[str, ParameterValue]
+    planner: bool
+    wakes: bool
+
+
+def _carbon(choice: _Choice) -> list[NodeSpec]:
+    """Return the nodes of Husky Carbon: legs, propulsion unit, or both."""
+    specs: list[NodeSpec] = []
+    if choice.body != "unit":
+        told = {"time": choice.time, "bus": "sim", **_patience(choice), **choice.told}
+        specs += _legs(choice, NodeSpec("husky_drivers", graph.DRIVE_BRIDGE, told))
+    if choice.body != "robot":
+        specs += _unit(choice)
+    return specs
+
+
+def _patience(choice: _Choice) -> dict[str, ParameterValue]:
+    """Without a real-time kernel ticks come late now and then; the joints need not stop then."""
+    return {"command_timeout": 0.03} if choice.time == "realtime" else {}
+
+
+def _beta(choice: _Choice) -> list[NodeSpec]:
+    """Return the nodes of Husky-beta; `robot_with_unit` is the one that flies.
+
+    Raises:
+        ValueError: a body that it has not.
+    """
+    if choice.body == "unit":
+        raise ValueError(
+            f"body is {choice.body!r}: of robot 'beta' there are robot, robot_with_unit: its "
+            "propellers are at its knees"
+        )
+    told: dict[str, ParameterValue] = {"time": choice.time, **_patience(choice), **choice.told}
+    specs = _legs(choice, NodeSpec("husky_drivers", graph.SERVO_BRIDGE, told))
+    return specs if choice.body == "robot" else [*specs, *_unit(choice)]
+
+
+_NODES: Mapping[str, Callable[[_Choice], list[NodeSpec]]] = {"carbon": _carbon, "beta": _beta}
+"""The nodes of each robot besides plant, remote control and recorder."""
+
+
+def _legs(choice: _Choice, bridge: NodeSpec) -> list[NodeSpec]:
+    """Return the nodes of a robot on legs, whose joints hang on a bridge."""
+    told = choice.told
+    controller: dict[str, ParameterValue] = {"time": choice.time, **told}
+    if choice.body != "robot":
+        controller |= {"propulsion": True, **choice.mounted}
+    if choice.wakes:
+        controller["walk_on_command"] = True
+    return [
+        bridge,
+        NodeSpec("husky_drivers", graph.VN200_DRIVER, {"clock": "device", **told}),
+        NodeSpec("husky_control", graph.LOW_LEVEL_CONTROLLER, controller),
+        *([NodeSpec("husky_control", graph.PLANNER, dict(told))] if choice.planner else []),
+    ]
+
+
+def _unit(choice: _Choice) -> list[NodeSpec]:
+    """Return the nodes of the propulsion unit on a body."""
+    told = {**choice.told, **choice.mounted}
+    pixhawk: dict[str, ParameterValue] = {
+        "time": choice.time,
+        "inertia": flying_inertia(load_robot(choice.robot), choice.body),
+    }
+    if choice.body == "unit":
+        pixhawk["parameters"] = _TILT_ENDS_FLIGHT
+    return [
+        NodeSpec("husky_pu", graph.FLIGHT_CONTROLLER, {**pixhawk, **told}),
+        NodeSpec("husky_pu", graph.PIXHAWK_BRIDGE, {"time": choice.time, **told}),
+        NodeSpec("husky_drivers", graph.T265_DRIVER, {"clock": "device", **choice.told}),
+    ]

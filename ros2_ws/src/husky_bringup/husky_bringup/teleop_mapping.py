@@ -165,24 +165,17 @@ class Keyboard:
 
 @dataclass(frozen=True)
 class JoystickLayout:
-    """Places of axes and buttons in `sensor_msgs/Joy`; the defaults are those of an Xbox pad.
+    """Places of axes and buttons in `sensor_msgs/Joy`; the defaults are those of an Xbox pad."""
 
-    Attributes:
-        forward, left, yaw: axes, positive forward and to the left.
-        dead_man: button that must be held for the robot to move (left shoulder).
-        stand_up, emergency_stop, sit, next_gait: buttons A, B, X, Y.
-        dead_band: deflection that counts as none, 0 to 1.
-    """
-
-    forward: int = 1
-    left: int = 0
-    yaw: int = 3
-    dead_man: int = 4
-    stand_up: int = 0
-    emergency_stop: int = 1
-    sit: int = 2
-    next_gait: int = 3
-    dead_band: float = 0.08
+    forward: int = 1  # axis, positive forward
+    left: int = 0  # axis, positive to the left
+    yaw: int = 3  # axis, positive to the left
+    dead_man: int = 4  # button that must be held for the robot to move (left shoulder)
+    stand_up: int = 0  # button A
+    emergency_stop: int = 1  # B
+    sit: int = 2  # X
+    next_gait: int = 3  # Y
+    dead_band: float = 0.08  # deflection that counts as none, 0 to 1
 
 
 class Joystick:

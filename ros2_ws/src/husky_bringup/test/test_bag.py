@@ -11,19 +11,25 @@ import pytest
 import yaml
 from rosbags.highlevel import AnyReader
 
-from husky_bringup.bag import MISSING_KEY, BagWriter, make_typestore, select_topics
-from husky_description import graph
+from husky_bringup.bag import _EARLY, MISSING_KEY, BagWriter
+from husky_runtime import graph
+
+CLOCK = graph.absolute(graph.CLOCK)
+CMD_VEL = graph.absolute(graph.CMD_VEL)
+DIAGNOSTICS = graph.absolute(graph.DIAGNOSTICS)
+JOINT_STATES = graph.absolute(graph.JOINT_STATES)
+ROBOT_DESCRIPTION = graph.absolute(graph.ROBOT_DESCRIPTION)
 
 TICK = graph.TICK_PERIOD_NS
 ZEROS = [0.0] * 12
 
 
 def joint(messages: Any, stamp: int) -> tuple[str, bytes]:
-    return graph.JOINT_STATES, messages.joint_states(stamp, ZEROS, ZEROS, ZEROS)
+    return JOINT_STATES, messages.joint_states(stamp, ZEROS, ZEROS, ZEROS)
 
 
 def text(messages: Any, words: str) -> tuple[str, bytes]:
-    return graph.ROBOT_DESCRIPTION, messages.pack("std_msgs/msg/String", data=words)
+    return ROBOT_DESCRIPTION, messages.pack("std_msgs/msg/String", data=words)
 
 
 def twist(messages: Any, typestore: Any) -> tuple[str, bytes]:
@@ -31,14 +37,14 @@ def twist(messages: Any, typestore: Any) -> tuple[str, bytes]:
     message = messages.pack(
         "geometry_msgs/msg/Twist", linear=vector(0.5, 0.0, 0.0), angular=vector(0.0, 0.0, 0.1)
     )
-    return graph.CMD_VEL, message
+    return CMD_VEL, message
 
 
 def diagnostics(messages: Any, stamp: int) -> tuple[str, bytes]:
     message = messages.pack(
         "diagnostic_msgs/msg/DiagnosticArray", header=messages.header(stamp), status=[]
     )
-    return graph.DIAGNOSTICS, message
+    return DIAGNOSTICS, message
 
 
 def read(path: Path) -> list[tuple[str, int, bytes]]:
@@ -88,9 +94,9 @@ def test_the_mcap_library_reads_it(tmp_path: Path, write_bag: Any, messages: Any
         assert reader.get_header().profile == "ros2"
         found = [
             (channel.topic, message.log_time, message.data)
-            for _, channel, message in reader.iter_messages(topics=[graph.JOINT_STATES])
+            for _, channel, message in reader.iter_messages(topics=[JOINT_STATES])
         ]
-    assert found == [(graph.JOINT_STATES, i * TICK, data) for i, (_, data) in enumerate(content)]
+    assert found == [(JOINT_STATES, i * TICK, data) for i, (_, data) in enumerate(content)]
 
 
 # Metadata -------------------------------------------------------------------------------------
@@ -118,8 +124,8 @@ def test_metadata_is_what_rosbag2_decodes(tmp_path: Path, write_bag: Any, messag
     assert isinstance(info["ros_distro"], str)
     topics = {entry["topic_metadata"]["name"]: entry for entry in info["topics_with_message_count"]}
     assert set(topics) == {topic.name for topic in graph.TOPICS}
-    assert topics[graph.JOINT_STATES]["message_count"] == 501
-    assert topics[graph.CLOCK]["message_count"] == 0
+    assert topics[JOINT_STATES]["message_count"] == 501
+    assert topics[CLOCK]["message_count"] == 0
     for entry in topics.values():
         row = entry["topic_metadata"]
         assert row["serialization_format"] == "cdr"
@@ -136,7 +142,7 @@ def test_qos_is_spelled_as_rosbag2_does(tmp_path: Path, write_bag: Any, messages
         for entry in info["topics_with_message_count"]
     }
     forever = {"sec": 9223372036, "nsec": 854775807}
-    assert offered[graph.JOINT_STATES] == [
+    assert offered[JOINT_STATES] == [
         {
             "history": "keep_last",
             "depth": 16,
@@ -149,7 +155,7 @@ def test_qos_is_spelled_as_rosbag2_does(tmp_path: Path, write_bag: Any, messages
             "avoid_ros_namespace_conventions": False,
         }
     ]
-    assert offered[graph.ROBOT_DESCRIPTION][0]["durability"] == "transient_local"
+    assert offered[ROBOT_DESCRIPTION][0]["durability"] == "transient_local"
 
 
 def test_type_hash_is_the_one_that_ros_publishes(
@@ -176,11 +182,21 @@ def test_what_comes_before_the_first_stamp_is_logged_at_it(
     write_bag(tmp_path / "bag", [*early, joint(messages, 3 * TICK), joint(messages, 4 * TICK)])
     back = read(tmp_path / "bag")
     assert {topic: stamp for topic, stamp, _ in back[:4]} == {
-        graph.ROBOT_DESCRIPTION: 3 * TICK,
-        graph.DIAGNOSTICS: 3 * TICK,
-        graph.CMD_VEL: 3 * TICK,
-        graph.JOINT_STATES: 3 * TICK,
+        ROBOT_DESCRIPTION: 3 * TICK,
+        DIAGNOSTICS: 3 * TICK,
+        CMD_VEL: 3 * TICK,
+        JOINT_STATES: 3 * TICK,
     }
+
+
+def test_what_a_stranger_sends_without_a_time_is_kept_too(
+    tmp_path: Path, write_bag: Any, messages: Any
+) -> None:
+    """Its stamp is before 0, or it is cut short: it is logged at the present."""
+    good, bad = joint(messages, 3 * TICK), joint(messages, -7 * TICK)
+    short = CLOCK, good[1][:7]
+    write_bag(tmp_path / "bag", [good, bad, short, (JOINT_STATES, b"\0\1")])
+    assert [stamp for _, stamp, _ in read(tmp_path / "bag")] == [3 * TICK] * 4
 
 
 def test_a_reset_world_does_not_disorder_the_bag(
@@ -197,7 +213,7 @@ def test_without_any_clock_wall_time_is_used(
     tmp_path: Path, profiles: Any, typestore: Any, messages: Any
 ) -> None:
     before = time.time_ns()
-    writer = BagWriter(tmp_path / "bag", [graph.topic(graph.CMD_VEL)], profiles, typestore)
+    writer = BagWriter(tmp_path / "bag", [graph.topic(CMD_VEL)], profiles, typestore)
     writer.write(writer.channels[0], twist(messages, typestore)[1])
     writer.close()
     (_, stamp, _), *rest = read(tmp_path / "bag")
@@ -206,10 +222,51 @@ def test_without_any_clock_wall_time_is_used(
 
 
 def test_messages_without_a_clock_are_kept(tmp_path: Path, write_bag: Any, messages: Any) -> None:
-    """The world never started: there is no time, but what was said is in the bag."""
+    """The world never started: what was said is in the bag, at the wall time of its coming."""
+    before = time.time_ns()
     writer = write_bag(tmp_path / "bag", [text(messages, "<robot/>")])
-    assert [topic for topic, _, _ in read(tmp_path / "bag")] == [graph.ROBOT_DESCRIPTION]
-    assert writer.channels[-3].count == 1
+    ((topic, stamp, _),) = read(tmp_path / "bag")
+    assert topic == ROBOT_DESCRIPTION and before <= stamp <= time.time_ns()
+    counts = {channel.topic.name: channel.count for channel in writer.channels}
+    assert counts[ROBOT_DESCRIPTION] == 1
+
+
+def test_not_everything_is_held_back_for_a_clock_that_may_never_come(
+    tmp_path: Path, write_bag: Any, messages: Any
+) -> None:
+    """Wall time then; when the world starts after all, its time goes on from there."""
+    before = time.time_ns()
+    long = [text(messages, "x" * (_EARLY // 4))] * 5
+    write_bag(tmp_path / "bag", [*long, joint(messages, 3 * TICK), joint(messages, 5 * TICK)])
+    stamps = [stamp for _, stamp, _ in read(tmp_path / "bag")]
+    assert len(stamps) == 7 and stamps == sorted(stamps)
+    assert before <= stamps[0] and stamps[-2] <= time.time_ns()
+    assert stamps[-1] - stamps[-2] == 2 * TICK
+
+
+def test_topics_may_be_added_while_it_is_written(
+    tmp_path: Path, profiles: Any, typestore: Any, messages: Any
+) -> None:
+    """Also behind chunks that do not know them."""
+    path = tmp_path / "bag"
+    writer = BagWriter(path, [graph.topic(JOINT_STATES)], profiles, typestore)
+    writer.write(writer.channels[0], joint(messages, 0)[1])
+    writer.flush()
+    mine = graph.Topic("/mine", "std_msgs/msg/String", (), "", 0.0)
+    channel = writer.add(mine, profiles["STATUS"])
+    writer.write(channel, text(messages, "hello")[1])
+    writer.write(writer.channels[0], joint(messages, TICK)[1])
+    with pytest.raises(LookupError):
+        writer.add(graph.Topic("/odd", "nobody_msgs/msg/Odd", (), "", 0.0), profiles["STATUS"])
+    writer.close()
+    assert [topic for topic, _, _ in read(path)] == [
+        JOINT_STATES,
+        "/mine",
+        JOINT_STATES,
+    ]
+    info = metadata(path)["rosbag2_bagfile_information"]
+    counts = [entry["message_count"] for entry in info["topics_with_message_count"]]
+    assert counts == [2, 1]
 
 
 def test_an_empty_bag_can_be_opened(tmp_path: Path, write_bag: Any) -> None:
@@ -221,9 +278,9 @@ def test_an_empty_bag_can_be_opened(tmp_path: Path, write_bag: Any) -> None:
 def test_gaps_between_stamps_are_counted(tmp_path: Path, write_bag: Any, messages: Any) -> None:
     stamps = [i for i in range(1000) if i not in (17, 500, 501, 502)]
     writer = write_bag(tmp_path / "bag", [joint(messages, i * TICK) for i in stamps])
-    assert writer.missing == {graph.JOINT_STATES: 4}
+    assert writer.missing == {JOINT_STATES: 4}
     info = metadata(tmp_path / "bag")["rosbag2_bagfile_information"]
-    assert json.loads(info["custom_data"][MISSING_KEY]) == {graph.JOINT_STATES: 4}
+    assert json.loads(info["custom_data"][MISSING_KEY]) == {JOINT_STATES: 4}
     assert "4" in next(line for line in writer.report().splitlines() if "/joint_states" in line)
 
 
@@ -251,15 +308,3 @@ def test_only_a_bag_is_ever_replaced(
     with pytest.raises(FileExistsError, match="not a bag"):
         BagWriter(path, graph.TOPICS, profiles, typestore, overwrite=True)
     assert foreign.exists()
-
-
-def test_topics_are_chosen_by_name() -> None:
-    names = [graph.IMU, graph.SERVO_STATE]
-    assert [topic.name for topic in select_topics(names)] == [graph.SERVO_STATE, graph.IMU]
-    with pytest.raises(ValueError, match="/nonsense"):
-        select_topics(["/nonsense"])
-
-
-def test_missing_definitions_are_reported(tmp_path: Path) -> None:
-    with pytest.raises(FileNotFoundError, match=str(tmp_path)):
-        make_typestore(tmp_path)

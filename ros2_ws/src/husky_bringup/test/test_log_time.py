@@ -11,11 +11,18 @@ from husky_bringup.log_time import WINDOW_NS, LogTime, read_stamp
 SECOND = 1_000_000_000
 
 
-@given(st.integers(-(2**31), 2**31 - 1), st.integers(0, SECOND - 1), st.booleans())
+@given(st.integers(0, 2**31 - 1), st.integers(0, SECOND - 1), st.booleans())
 def test_stamp_of_both_byte_orders(seconds: int, nanoseconds: int, little: bool) -> None:
     order = "<" if little else ">"
     message = bytes((0, int(little), 0, 0)) + struct.pack(f"{order}iI", seconds, nanoseconds)
     assert read_stamp(message + b"rest") == seconds * SECOND + nanoseconds
+
+
+@given(st.integers(-(2**31), -1), st.integers(0, 11))
+def test_what_is_before_0_or_cut_short_is_no_stamp(seconds: int, length: int) -> None:
+    message = bytes((0, 1, 0, 0)) + struct.pack("<iI", seconds, 0)
+    assert read_stamp(message) == -1
+    assert read_stamp(message[:length]) == -1
 
 
 def test_nothing_has_a_place_before_the_present_is_known() -> None:

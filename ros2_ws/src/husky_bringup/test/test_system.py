@@ -1,9 +1,10 @@
 import pytest
 
+from husky_bringup import system
 from husky_bringup.system import simulated_robot, to_yaml
-from husky_description import graph
 from husky_description.mujoco_model import flying_inertia
-from husky_description.robot import load_robot
+from husky_description.robot import ROBOTS, load_robot
+from husky_runtime import graph
 
 LEGS = {graph.DRIVE_BRIDGE, graph.VN200_DRIVER, graph.LOW_LEVEL_CONTROLLER}
 FANS = {graph.FLIGHT_CONTROLLER, graph.PIXHAWK_BRIDGE, graph.T265_DRIVER}
@@ -89,3 +90,24 @@ def test_everybody_knows_how_the_fans_are_mounted():
     }
     fixed = simulated_robot(settings={graph.PLANT: {"body": "robot_with_unit"}})
     assert not any("mounting" in spec.parameters for spec in fixed)
+
+
+def test_beta_has_a_servo_bridge_and_no_propulsion_unit():
+    names = {spec.name for spec in simulated_robot(settings={graph.PLANT: {"robot": "beta"}})}
+    assert graph.SERVO_BRIDGE in names and graph.DRIVE_BRIDGE not in names
+    with pytest.raises(ValueError, match="body is 'unit': of robot 'beta' there are robot"):
+        simulated_robot(settings={graph.PLANT: {"robot": "beta", "body": "unit"}})
+    with pytest.raises(ValueError, match="robot is 'gamma', it must be one of carbon, beta"):
+        simulated_robot(settings={graph.PLANT: {"robot": "gamma"}})
+
+
+def test_every_robot_has_its_nodes():
+    assert tuple(system._NODES) == ROBOTS
+
+
+def test_the_default_robot_is_told_to_nobody_and_another_to_all_who_load_it():
+    default = simulated_robot(settings={graph.PLANT: {"body": "robot_with_unit"}})
+    assert not any("robot" in spec.parameters for spec in default)
+    told = {"robot": "x"}
+    choice = system._Choice("lockstep", "robot_with_unit", "carbon", told, {}, True, False)
+    assert all(spec.parameters["robot"] == "x" for spec in system._carbon(choice))

@@ -26,10 +26,9 @@ from rclpy.node import Node
 from sensor_msgs.msg import Joy
 from std_srvs.srv import Trigger
 
-from husky_description import graph
-from husky_description.nodes import qos
-from husky_msgs.msg import ControllerState, DriveStatusArray
+from husky_msgs.msg import ControllerState, DriveStatus, DriveStatusArray
 from husky_msgs.srv import SetGait, SetMode
+from husky_runtime import graph, qos
 
 pytestmark = pytest.mark.graph
 
@@ -44,7 +43,7 @@ class Robot:
         self.calls: list[str] = []
         self.velocities: list[tuple[float, float, float]] = []
         self.state = ControllerState(mode="passive", gait="trot")
-        self.drives = DriveStatusArray()
+        self.drives = DriveStatusArray(drives=[DriveStatus() for _ in range(12)])
         self.node.create_subscription(Twist, graph.CMD_VEL, self.on_velocity, qos.COMMAND)
         self.node.create_service(SetMode, graph.SET_MODE, self.on_mode)
         self.node.create_service(SetGait, graph.SET_GAIT, self.on_gait)

@@ -1,1 +1,1 @@
-"""What decides: kinematics, gaits, estimator, safety, modes; the low-level controller."""
+"""What decides: modes, gaits, estimation, inclines, flight, planning."""

@@ -13,12 +13,22 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
+
+from husky_control.compiled import Compiled
+from husky_control.vectors import (
+    Vector,
+    dot,
+    scaled,
+    solve_symmetric,
+    transposed_product,
+    vector,
+    write,
+)
+from husky_description.arrays import Array
 
 if TYPE_CHECKING:
     from husky_description.robot import Robot
 
-Array = NDArray[np.float64]
 
 LEGS = 4
 JOINTS = 12
@@ -124,15 +134,25 @@ class LegMasses(NamedTuple):
     """Masses of one leg's links and of the rest of the robot; kg."""
 
     body: float
+    body_center: tuple[float, float, float]  # m in base
     hip: float  # at the plane of the leg
     thigh: float
     shin: float
+    knee: float  # fixed to the thigh
+    knee_share: float  # of the thigh's length, from the hip, at which that is
+    knee_offset: Array  # (4,) m, from the plane of the leg to its centre, positive to the left
 
 
 def leg_masses(robot: Robot) -> LegMasses:
     """The masses of a robot's links."""
     hip, thigh, shin = float(robot.hip_mass), float(robot.thigh_mass), float(robot.shin_mass)
-    return LegMasses(float(robot.mass) - LEGS * (hip + thigh + shin), hip, thigh, shin)
+    knee = float(robot.knee_mass)
+    body = float(robot.mass) - LEGS * (hip + thigh + shin + knee)
+    moment = robot.base_mass * robot.body.center_of_mass
+    x, y, z = ((moment + robot.payload_mass * robot.payload.position) / body).tolist()
+    share = robot.leg.thigh_link / robot.thigh_length
+    offset = np.array(robot.knee_pod_in_thigh[:, 1]) if knee > 0.0 else np.zeros(LEGS)
+    return LegMasses(body, (x, y, z), hip, thigh, shin, knee, share, offset)
 
 
 @njit(cache=True)
@@ -143,7 +163,7 @@ def center_of_mass(
     foot_position: Array,
     center: Array,
 ) -> None:
-    """Centre of mass in base; links weigh at their middles, body and payload at the origin.
+    """Centre of mass in base; links weigh at their middles.
 
     Args:
         geometry: of the legs.
@@ -152,8 +172,9 @@ def center_of_mass(
         foot_position: (4, 3) m in base.
         center: (3,) m, written.
     """
-    total = masses.body + LEGS * (masses.hip + masses.thigh + masses.shin)
-    center[:] = 0.0
+    total = masses.body + LEGS * (masses.hip + masses.thigh + masses.shin + masses.knee)
+    for i in range(3):
+        center[i] = masses.body * masses.body_center[i] / total
     for leg in range(LEGS):
         ca, sa = math.cos(joint_position[3 * leg]), math.sin(joint_position[3 * leg])
         sagittal, d = joint_position[3 * leg + 1], geometry.lateral_offset[leg]
@@ -165,99 +186,120 @@ def center_of_mass(
             geometry.hip_position[leg, 2] + d * sa,
         )
         knee = (hip[0] + x, hip[1] - z * sa, hip[2] + z * ca)
+        offset = masses.knee_offset[leg]
+        aside = (0.0, offset * ca, offset * sa)
         for i in range(3):
             center[i] += (
                 masses.hip * hip[i]
                 + masses.thigh * 0.5 * (hip[i] + knee[i])
                 + masses.shin * 0.5 * (knee[i] + foot_position[leg, i])
+                + masses.knee * (hip[i] + masses.knee_share * (knee[i] - hip[i]) + aside[i])
             ) / total
 
 
-@njit(cache=True)
-def solve_leg(jacobian: Array, leg: int, foot: Array, joint: Array, damping: float) -> None:
-    """Joint rates that move one foot at a given velocity: joint = J^-1 foot, damped near singular.
+class JointRange(NamedTuple):
+    """Least and greatest joint targets; rad."""
 
-    Solves (J J^T + damping I) y = foot, joint = J^T y, which stays bounded for a straight leg.
+    lower: Array  # (12,)
+    upper: Array  # (12,)
+
+
+class FootTargets(NamedTuple):
+    """What the feet are to do, in base."""
+
+    position: Array  # (4, 3) m
+    velocity: Array  # (4, 3) m/s, relative to the base
+    force: Array  # (4, 3) N, of the ground on the foot
+
+
+class JointTargets(NamedTuple):
+    """What the joints are to do for it."""
+
+    position: Array  # (12,) rad
+    velocity: Array  # (12,) rad/s
+    torque: Array  # (12,) N m, that holds against the foot force: -J^T f
+
+
+class PlacedLegs(NamedTuple):
+    """Where joint targets place the feet."""
+
+    foot: Array  # (4, 3) m in base
+    jacobian: Array  # (4, 3, 3) m/rad in base
+
+
+@njit(cache=True)
+def solve_leg(jacobian: Array, foot: Vector, damping: float) -> Vector:
+    """Return the joint rates [rad/s] that move one foot at a velocity: J^-1 foot, damped.
+
+    Solves (J J^T + damping I) y = foot and gives J^T y, which stays bounded for a straight leg.
 
     Args:
-        jacobian: (4, 3, 3) m/rad.
-        leg: which leg.
-        foot: (3,) m/s in base.
-        joint: (3,) rad/s, written.
+        jacobian: (3, 3) m/rad, of the leg.
+        foot: m/s in base.
         damping: m^2; 0 gives the plain inverse.
     """
-    j = jacobian[leg]
-    a00 = j[0, 0] * j[0, 0] + j[0, 1] * j[0, 1] + j[0, 2] * j[0, 2] + damping
-    a01 = j[0, 0] * j[1, 0] + j[0, 1] * j[1, 1] + j[0, 2] * j[1, 2]
-    a02 = j[0, 0] * j[2, 0] + j[0, 1] * j[2, 1] + j[0, 2] * j[2, 2]
-    a11 = j[1, 0] * j[1, 0] + j[1, 1] * j[1, 1] + j[1, 2] * j[1, 2] + damping
-    a12 = j[1, 0] * j[2, 0] + j[1, 1] * j[2, 1] + j[1, 2] * j[2, 2]
-    a22 = j[2, 0] * j[2, 0] + j[2, 1] * j[2, 1] + j[2, 2] * j[2, 2] + damping
-    c00, c01, c02 = a11 * a22 - a12 * a12, a02 * a12 - a01 * a22, a01 * a12 - a02 * a11
-    determinant = a00 * c00 + a01 * c01 + a02 * c02
-    if determinant < 1e-18:
-        joint[0] = joint[1] = joint[2] = 0.0
-        return
-    c11, c12, c22 = a00 * a22 - a02 * a02, a01 * a02 - a00 * a12, a00 * a11 - a01 * a01
-    y0 = (c00 * foot[0] + c01 * foot[1] + c02 * foot[2]) / determinant
-    y1 = (c01 * foot[0] + c11 * foot[1] + c12 * foot[2]) / determinant
-    y2 = (c02 * foot[0] + c12 * foot[1] + c22 * foot[2]) / determinant
-    for i in range(3):
-        joint[i] = j[0, i] * y0 + j[1, i] * y1 + j[2, i] * y2
+    x, y, z = vector(jacobian[0]), vector(jacobian[1]), vector(jacobian[2])
+    diagonal = dot(x, x) + damping, dot(y, y) + damping, dot(z, z) + damping
+    beside = dot(x, y), dot(x, z), dot(y, z)
+    return transposed_product(jacobian, solve_symmetric(diagonal, beside, foot))
 
 
 @njit(cache=True)
 def leg_commands(
     geometry: LegGeometry,
-    foot_position: Array,
-    foot_velocity: Array,
-    foot_force: Array,
-    lower: Array,
-    upper: Array,
-    scratch_foot: Array,
-    jacobian: Array,
-    joint_position: Array,
-    joint_velocity: Array,
-    joint_torque: Array,
+    limits: JointRange,
+    feet: FootTargets,
+    placed: PlacedLegs,
+    joints: JointTargets,
 ) -> int:
-    """Joint targets for foot targets: inverse kinematics, rates, and the torque of a foot force.
+    """Write joint targets for foot targets: inverse kinematics, rates, torques of foot forces.
 
-    Args:
-        geometry: the legs.
-        foot_position: (4, 3) m in base.
-        foot_velocity: (4, 3) m/s of the foot relative to the base, in base.
-        foot_force: (4, 3) N of the ground on the foot, in base.
-        lower: (12,) rad, least joint targets.
-        upper: (12,) rad, greatest joint targets.
-        scratch_foot: (4, 3) m in base, where the joint targets place the feet, written.
-        jacobian: (4, 3, 3) m/rad at the joint targets, written.
-        joint_position: (12,) rad, written.
-        joint_velocity: (12,) rad/s, written.
-        joint_torque: (12,) N m that holds against the foot force, -J^T f, written.
+    `placed` and `joints` are written.
 
     Returns:
         How many feet were out of reach, and joint targets beyond their range.
     """
-    out_of_reach = inverse_kinematics(geometry, foot_position, joint_position)
+    out_of_reach = inverse_kinematics(geometry, feet.position, joints.position)
     for joint in range(JOINTS):
-        if joint_position[joint] < lower[joint]:
-            joint_position[joint] = lower[joint]
-            out_of_reach += 1
-        elif joint_position[joint] > upper[joint]:
-            joint_position[joint] = upper[joint]
-            out_of_reach += 1
-    forward_kinematics(geometry, joint_position, scratch_foot, jacobian)
+        wanted = joints.position[joint]
+        joints.position[joint] = min(limits.upper[joint], max(limits.lower[joint], wanted))
+        out_of_reach += joints.position[joint] != wanted
+    forward_kinematics(geometry, joints.position, placed.foot, placed.jacobian)
     for leg in range(LEGS):
-        solve_leg(
-            jacobian, leg, foot_velocity[leg], joint_velocity[3 * leg : 3 * leg + 3], 1e-4
-        )
-        for k in range(3):
-            joint_torque[3 * leg + k] = -(
-                jacobian[leg, 0, k] * foot_force[leg, 0]
-                + jacobian[leg, 1, k] * foot_force[leg, 1]
-                + jacobian[leg, 2, k] * foot_force[leg, 2]
-            )
+        jacobian, own = placed.jacobian[leg], slice(3 * leg, 3 * leg + 3)
+        write(joints.velocity[own], solve_leg(jacobian, vector(feet.velocity[leg]), 1e-4))
+        torque = transposed_product(jacobian, vector(feet.force[leg]))
+        write(joints.torque[own], scaled(-1.0, torque))
     return out_of_reach
+
+
+class LegTargets:
+    """Targets of the feet of one robot, and of the joints that place them.
+
+    Attributes:
+        geometry: the legs.
+        feet: targets in base, to be set.
+        joints: targets, of the last `place_feet`.
+        placed: where these place the feet.
+    """
+
+    def __init__(self, robot: Robot, margin: float = 0.0) -> None:
+        """Targets at zero; those of joints keep a margin [rad] from the ends of their ranges."""
+        self.geometry = leg_geometry(robot)
+        self.feet = FootTargets(*np.zeros((3, LEGS, 3)))
+        self.joints = JointTargets(*np.zeros((3, JOINTS)))
+        self.placed = PlacedLegs(np.zeros((LEGS, 3)), np.zeros((LEGS, 3, 3)))
+        self._commands = Compiled(leg_commands)
+        self._range = JointRange(
+            np.array(robot.joint_lower) + margin, np.array(robot.joint_upper) - margin
+        )
+
+    def place_feet(self) -> int:
+        """Compute joint targets for the foot targets; see leg_commands."""
+        missed: int = self._commands.call(
+            self.geometry, self._range, self.feet, self.placed, self.joints
+        )
+        return missed
 
 
 class Kinematics:

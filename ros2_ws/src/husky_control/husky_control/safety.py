@@ -2,28 +2,35 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from husky_control.compiled import Compiled
 from husky_control.kinematics import JOINTS
+from husky_description.arrays import Array
 
 if TYPE_CHECKING:
     from husky_control.parameters import Parameters
+    from husky_control.tick_data import JointCommand, Measurements
     from husky_description.robot import Robot
 
-Array = NDArray[np.float64]
+
+class JointLimits(NamedTuple):
+    """What the joints may do, (12,) each."""
+
+    lower: Array  # rad
+    upper: Array  # rad
+    velocity: Array  # rad/s
+    torque: Array  # N m
 
 
 @njit(cache=True)
 def check_joints(
     position: Array,
     torque: Array,
-    lower: Array,
-    upper: Array,
-    limit: Array,
+    limits: JointLimits,
     margin: float,
     share: float,
     dt: float,
@@ -34,11 +41,9 @@ def check_joints(
     Args:
         position: (12,) rad.
         torque: (12,) N m.
-        lower: (12,) rad.
-        upper: (12,) rad.
-        limit: (12,) N m.
+        limits: of the joints.
         margin: rad that a joint may be beyond its range.
-        share: of the limit that counts as overload.
+        share: of the torque's limit that counts as overload.
         dt: s.
         overload: (12,) s of overload, counted up by overload and down without, updated.
 
@@ -47,9 +52,10 @@ def check_joints(
     """
     outside, longest = -1, -1
     for i in range(JOINTS):
-        if outside < 0 and not lower[i] - margin <= position[i] <= upper[i] + margin:
+        least, most = limits.lower[i] - margin, limits.upper[i] + margin
+        if outside < 0 and not least <= position[i] <= most:
             outside = i
-        overloaded = abs(torque[i]) >= share * limit[i]
+        overloaded = abs(torque[i]) >= share * limits.torque[i]
         overload[i] = overload[i] + dt if overloaded else max(0.0, overload[i] - dt)
         if overload[i] > 0.0 and (longest < 0 or overload[i] > overload[longest]):
             longest = i
@@ -57,32 +63,13 @@ def check_joints(
 
 
 @njit(cache=True)
-def all_finite(
-    a: Array, b: Array, c: Array, d: Array, e: Array, f: Array
-) -> bool:
-    """Whether all numbers of six vectors are finite."""
-    total = 0.0
-    for vector in (a, b, c, d, e, f):
-        for value in vector:
-            total += value * 0.0  # nan for nan and for infinity
-    return total == 0.0
-
-
-@njit(cache=True)
-def limit_command(
-    position: Array,
-    velocity: Array,
-    effort: Array,
-    lower: Array,
-    upper: Array,
-    velocity_limit: Array,
-    torque_limit: Array,
-) -> None:
+def limit_command(position: Array, velocity: Array, effort: Array, limits: JointLimits) -> None:
     """Cut the targets (12,) of a command to the joints' limits: rad, rad/s, N m."""
     for i in range(JOINTS):
-        position[i] = min(upper[i], max(lower[i], position[i]))
-        velocity[i] = min(velocity_limit[i], max(-velocity_limit[i], velocity[i]))
-        effort[i] = min(torque_limit[i], max(-torque_limit[i], effort[i]))
+        fastest, strongest = limits.velocity[i], limits.torque[i]
+        position[i] = min(limits.upper[i], max(limits.lower[i], position[i]))
+        velocity[i] = min(fastest, max(-fastest, velocity[i]))
+        effort[i] = min(strongest, max(-strongest, effort[i]))
 
 
 class Safety:
@@ -92,60 +79,50 @@ class Safety:
         """Checks for one robot with live limits."""
         self.parameters = parameters
         self.joint_names = tuple(robot.joint_names)
-        self._lower = np.array(robot.joint_lower, dtype=np.float64)
-        self._upper = np.array(robot.joint_upper, dtype=np.float64)
-        self._limit = np.array(robot.joint_torque_limit, dtype=np.float64)
+        limits = (
+            robot.joint_lower,
+            robot.joint_upper,
+            robot.joint_velocity_limit,
+            robot.joint_torque_limit,
+        )
+        self._limits = JointLimits(*(np.array(limit, dtype=np.float64) for limit in limits))
         self._overload = np.zeros(JOINTS)
+        self._check, self._limit = Compiled(check_joints), Compiled(limit_command)
 
     def reset(self) -> None:
         """Forget past overload."""
         self._overload.fill(0.0)
 
-    def stale(self, joint_age_ticks: int, imu_age: float) -> str | None:
+    def limit(self, command: JointCommand) -> JointCommand:
+        """Keep a command within the joints' limits: the drives refuse one that is not, whole."""
+        self._limit.call(command.position, command.velocity, command.effort, self._limits)
+        return command
+
+    def stale(self, m: Measurements) -> str | None:
         """Why the measurements are too old, or None."""
         p = self.parameters
-        if joint_age_ticks > p["safety.joint_age"]:
-            return f"joint states are {joint_age_ticks} ticks old"
-        if imu_age > p["safety.imu_age"]:
-            return f"IMU sample is {1e3 * imu_age:.1f} ms old"
+        if m.joint_age_ticks > p["safety.joint_age"]:
+            return f"joint states are {m.joint_age_ticks} ticks old"
+        if m.imu_age > p["safety.imu_age"]:
+            return f"IMU sample is {1e3 * m.imu_age:.1f} ms old"
         return None
 
-    def check(
-        self,
-        joint_position: Array,
-        joint_torque: Array,
-        tilt: float,
-        joint_age_ticks: int,
-        imu_age: float,
-        drives_operational: bool,
-        dt: float,
-    ) -> str | None:
+    def check(self, m: Measurements, tilt: float, dt: float) -> str | None:
         """Why the robot must give up, or None.
 
         Args:
-            joint_position: (12,) rad.
-            joint_torque: (12,) N m.
-            tilt: rad, of the body from the vertical.
-            joint_age_ticks: age of the joint states in ticks.
-            imu_age: s, age of the IMU sample.
-            drives_operational: whether all drives follow commands.
+            m: the tick's.
+            tilt: rad, of the body from where it is to point.
             dt: s.
         """
-        p = self.parameters
-        outside, longest = check_joints(
-            joint_position,
-            joint_torque,
-            self._lower,
-            self._upper,
-            self._limit,
-            p["safety.joint_margin"],
-            p["safety.torque_share"],
-            dt,
-            self._overload,
+        p, limits = self.parameters, self._limits
+        margin, share = p["safety.joint_margin"], p["safety.torque_share"]
+        outside, longest = self._check.call(
+            m.joint_position, m.joint_torque, limits, margin, share, dt, self._overload
         )
-        if not drives_operational:
+        if not m.drives_operational:
             return "drives are not operational"
-        reason = self.stale(joint_age_ticks, imu_age)
+        reason = self.stale(m)
         if reason is not None:
             return reason
         if tilt > p["safety.max_tilt"]:
@@ -153,8 +130,8 @@ class Safety:
         if outside >= 0:
             return (
                 f"joint {self.joint_names[outside]} is out of range at "
-                f"{joint_position[outside]:.2f} rad "
-                f"({self._lower[outside]:.2f} to {self._upper[outside]:.2f})"
+                f"{m.joint_position[outside]:.2f} rad "
+                f"({limits.lower[outside]:.2f} to {limits.upper[outside]:.2f})"
             )
         if longest >= 0 and self._overload[longest] > p["safety.torque_time"]:
             return (

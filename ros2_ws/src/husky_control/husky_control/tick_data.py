@@ -6,18 +6,30 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
+from numba import njit
 
-from husky_control.estimator import GRAVITY
+from husky_control.estimation.t265_pose import T265Pose
 from husky_control.kinematics import JOINTS
-from husky_control.t265_pose import T265Pose
+from husky_description.arrays import Array
+from husky_description.gravity import GRAVITY
+from husky_runtime.graph import TICK_PERIOD
 
-Array = NDArray[np.float64]
+TICK: float = TICK_PERIOD  # s
 
 # CiA 402 modes of operation
 CYCLIC_POSITION = 8
 CYCLIC_VELOCITY = 9
 CYCLIC_TORQUE = 10
+
+
+@njit(cache=True)
+def _all_finite(a: Array, b: Array, c: Array, d: Array, e: Array, f: Array) -> bool:
+    """Whether all numbers of six vectors are finite."""
+    total = 0.0
+    for vector in (a, b, c, d, e, f):
+        for value in vector:
+            total += value * 0.0  # nan for nan and for infinity
+    return total == 0.0
 
 
 @dataclass(slots=True)
@@ -31,6 +43,7 @@ class Measurements:
     orientation_base_in_world: Array = field(  # quaternion x, y, z, w
         default_factory=lambda: np.array([0.0, 0.0, 0.0, 1.0])
     )
+    rotation_base_in_world: Array = field(default_factory=lambda: np.eye(3))  # the same, (3, 3)
     angular_velocity_base_in_base: Array = field(default_factory=lambda: np.zeros(3))  # rad/s
     specific_force_base: Array = field(  # m/s^2, of the base
         default_factory=lambda: np.array([0.0, 0.0, GRAVITY])
@@ -39,9 +52,23 @@ class Measurements:
     joint_age_ticks: int = 0  # ticks, of the joint states
     drives_operational: bool = False
     fans_available: bool = False  # the propulsion unit is armed, listens and has no fail-safe
+    fans_disarmed: bool = False  # the propulsion unit says that it is not armed
     fans_limit: float = math.inf  # N, most thrust of the fans left, once one is lost
+    fans_lost: int = -1  # place of the fan that the flight controller has found lost, -1 for none
     fans_yaw: float = math.nan  # rad, of base in the flight controller's world; nan: not known
     pose: T265Pose = field(default_factory=T265Pose)  # newest of the tracking camera
+
+    @property
+    def finite(self) -> bool:
+        """Whether every number that each tick needs is finite."""
+        return math.isfinite(self.imu_age) and _all_finite(
+            self.joint_position,
+            self.joint_velocity,
+            self.joint_torque,
+            self.orientation_base_in_world,
+            self.angular_velocity_base_in_base,
+            self.specific_force_base,
+        )
 
     def take(self, other: Measurements) -> None:
         """Copy the values of another one.
@@ -54,13 +81,16 @@ class Measurements:
         self.joint_velocity[:] = other.joint_velocity
         self.joint_torque[:] = other.joint_torque
         self.orientation_base_in_world[:] = other.orientation_base_in_world
+        self.rotation_base_in_world[:] = other.rotation_base_in_world
         self.angular_velocity_base_in_base[:] = other.angular_velocity_base_in_base
         self.specific_force_base[:] = other.specific_force_base
         self.imu_age = other.imu_age
         self.joint_age_ticks = other.joint_age_ticks
         self.drives_operational = other.drives_operational
         self.fans_available = other.fans_available
+        self.fans_disarmed = other.fans_disarmed
         self.fans_limit = other.fans_limit
+        self.fans_lost = other.fans_lost
         self.fans_yaw = other.fans_yaw
         self.pose.take(other.pose)
 

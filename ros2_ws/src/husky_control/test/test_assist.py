@@ -4,9 +4,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from husky_control.assist import FAN_LAG, ThrustAssist
-from husky_control.estimator import GRAVITY
+from husky_control.incline.assist import FAN_LAG, ThrustAssist
 from husky_control.parameters import Parameters
+from husky_description.gravity import GRAVITY
 from husky_description.robot import load_robot
 
 DT = 0.002
@@ -23,10 +23,12 @@ def make(**values):
     return ThrustAssist(ROBOT, parameters)
 
 
-def run(assist, seconds, *, wanted=True, available=True, rotation=LEVEL, rate=STILL):
+def run(
+    assist, seconds, *, wanted=True, available=True, rotation=LEVEL, rate=STILL, disarmed=False
+):
     forces = []
     for _ in range(round(seconds / DT)):
-        assist.tick(wanted, available, rotation, rate, DT)
+        assist.tick(wanted, available, rotation, rate, DT, disarmed=disarmed)
         forces.append(assist.force)
     return np.array(forces)
 
@@ -107,4 +109,37 @@ def test_withheld_help_comes_back_only_when_the_share_is_set_anew():
     parameters.set("assist.slew", 2.0)
     assert run(assist, 1.0)[-1] == 0.0
     parameters.set("assist.share", 0.4)
+    assert run(assist, 3.0)[-1] == pytest.approx(0.4 * WEIGHT)
+
+
+def test_a_share_that_stands_while_the_unit_is_disarmed_is_asked_for_again():
+    """Whether it was set before the unit was heard at all, or helped until it was disarmed."""
+    parameters = Parameters({"assist.share": 0.4})
+    assist = ThrustAssist(ROBOT, parameters)
+    for _ in range(2):
+        assert not run(assist, 1.0, available=False, disarmed=True).any()
+        assert not run(assist, 5.0).any()
+        assert not assist.moment.any() and assist.lift == pytest.approx(0.0, abs=1e-6)
+        parameters.set("assist.slew", 2.0)
+        assert not run(assist, 1.0).any()
+        parameters.set("assist.share", 0.4)
+        forces = run(assist, 3.0)
+        assert forces[-1] == pytest.approx(0.4 * WEIGHT)
+        assert np.diff(forces).max() <= 2.0 * WEIGHT * DT * (1 + 1e-9)
+
+
+def test_a_share_that_is_set_while_the_news_of_arming_is_on_its_way_counts():
+    parameters = Parameters({"assist.share": 0.4})
+    assist = ThrustAssist(ROBOT, parameters)
+    run(assist, 1.0, available=False, disarmed=True)
+    parameters.set("assist.share", 0.3)
+    run(assist, 0.08, available=False, disarmed=True)
+    assert run(assist, 3.0)[-1] == pytest.approx(0.3 * WEIGHT)
+
+
+def test_a_lost_link_does_not_take_the_share_back():
+    """The unit stays armed: what was asked for comes back with it."""
+    assist = make()
+    run(assist, 3.0)
+    run(assist, 2.0, available=False)
     assert run(assist, 3.0)[-1] == pytest.approx(0.4 * WEIGHT)

@@ -6,10 +6,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from husky_control.climbing import GATE, Climbing
-from husky_control.incline import plane_from_world
+from husky_control.incline.climbing import GATE, Climbing
+from husky_control.incline.statics import plane_from_world
 from husky_control.kinematics import Kinematics
 from husky_control.parameters import Parameters
+from husky_description.gravity import GRAVITY
 from husky_description.mujoco_model import build_spec
 from husky_description.robot import load_robot
 
@@ -59,7 +60,7 @@ def test_on_gentle_ground_the_fans_are_not_asked():
 def test_the_thrust_is_there_before_the_body_leans():
     c = climbing()
     history = stay(c, 45.0, 4.0)
-    weight = c.mass * 9.80665
+    weight = c.mass * GRAVITY
     ratio = c.parameters["wair.load_slope"]
     lean = np.radians(history[:, 2])
     needed = weight * np.maximum(0.0, np.sin(lean - math.atan(ratio)))

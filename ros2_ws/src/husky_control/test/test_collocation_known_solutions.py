@@ -12,10 +12,10 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from husky_control.collocation.elastic import find_conflict
-from husky_control.collocation.mesh import check_on_finer_mesh, interpolate
-from husky_control.collocation.problem import Constraint, Formulation, Problem
-from husky_control.collocation.solve import Guess, SolveError, Solver
+from husky_control.planning.collocation.elastic import find_conflict
+from husky_control.planning.collocation.mesh import check_on_finer_mesh, interpolate
+from husky_control.planning.collocation.problem import Constraint, Formulation, Problem
+from husky_control.planning.collocation.solve import Guess, SolveError, Solver
 
 GUESS = Guess(np.zeros(2), np.zeros(1), np.zeros(0), 1.0)
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from husky_control.collocation.schedule import make_schedule
-from husky_control.gait import GAITS, GaitClock
+from husky_control.gait.table import GAITS, GaitClock
+from husky_control.planning.collocation.schedule import make_schedule
 
 
 @pytest.mark.parametrize("name", GAITS)

@@ -1,18 +1,26 @@
 """The contact observer: foot forces from torques that are known, and the phase in its decision."""
 
+import mujoco
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from husky_control.contact import ContactObserver, ContactThresholds, joint_inertias
+from husky_control.estimation.contact import (
+    OBSERVER_GAIN,
+    ContactObserver,
+    ContactThresholds,
+    LegLoads,
+    joint_inertias,
+)
 from husky_control.kinematics import Kinematics
+from husky_description.mujoco_model import build_spec
 from husky_description.robot import load_robot
 
 ROBOT = load_robot()
 _, JACOBIAN = Kinematics(ROBOT).foot_positions_and_jacobians(ROBOT.stand_joint_position)
-THRESHOLDS = ContactThresholds(touchdown=10.0, early=25.0, liftoff=5.0)
+THRESHOLDS = ContactThresholds(touchdown=10.0, early=25.0, standing=10.0, liftoff=5.0)
 DT = 0.002
 STANCE = np.full(4, -1.0)
 
@@ -27,7 +35,7 @@ def settle(observer, force_in_base, rotation=None, progress=STANCE, ticks=50):
     matrix = np.eye(3) if rotation is None else rotation
     torque = motor_torque(force_in_base)
     for _ in range(ticks):
-        observer.update(np.zeros(12), torque, JACOBIAN, matrix, progress, THRESHOLDS, DT)
+        observer.update(LegLoads(np.zeros(12), torque, JACOBIAN, matrix, progress), THRESHOLDS, DT)
 
 
 def vertical(*newtons):
@@ -66,7 +74,7 @@ def test_torque_that_accelerates_a_joint_is_no_contact():
     velocity = np.zeros(12)
     for _ in range(100):
         velocity = velocity + torque / inertia * DT
-        observer.update(velocity, torque, JACOBIAN, np.eye(3), STANCE, THRESHOLDS, DT)
+        observer.update(LegLoads(velocity, torque, JACOBIAN, np.eye(3), STANCE), THRESHOLDS, DT)
         np.testing.assert_allclose(observer.external_torque, 0.0, atol=1e-9)
     assert not observer.contact.any()
 
@@ -77,7 +85,7 @@ def test_reset_of_a_moving_leg_begins_without_a_torque():
     velocity = np.linspace(-3.0, 3.0, 12)
     observer.reset(velocity)
     assert not observer.contact.any() and not observer.foot_force.any()
-    observer.update(velocity, np.zeros(12), JACOBIAN, np.eye(3), STANCE, THRESHOLDS, DT)
+    observer.update(LegLoads(velocity, np.zeros(12), JACOBIAN, np.eye(3), STANCE), THRESHOLDS, DT)
     np.testing.assert_allclose(observer.external_torque, 0.0, atol=1e-9)
 
 
@@ -118,7 +126,7 @@ def test_a_singular_leg_gives_a_finite_force():
     straight = np.zeros((4, 3, 3))
     torque = np.full(12, 1.0)
     for _ in range(50):
-        observer.update(np.zeros(12), torque, straight, np.eye(3), STANCE, THRESHOLDS, DT)
+        observer.update(LegLoads(np.zeros(12), torque, straight, np.eye(3), STANCE), THRESHOLDS, DT)
     assert np.isfinite(observer.foot_force).all()
 
 
@@ -128,3 +136,23 @@ def test_joint_inertia_is_the_rotor_and_a_smaller_leg():
     assert (link > 0.0).all() and (link < ROBOT.armature).all()
     # The shin about the knee: a thin rod about its end.
     np.testing.assert_allclose(link[2::3], ROBOT.shin_mass * ROBOT.shin_length**2 / 3)
+
+
+def test_the_observer_is_as_slow_as_the_joints_are_read():
+    """Torques that are held for two ticks halve it; those of every tick, and faster, do not."""
+    assert ContactObserver(ROBOT).gain == OBSERVER_GAIN
+    for cycle, gain in ((0.002, OBSERVER_GAIN), (0.004, OBSERVER_GAIN / 2), (0.02, 20.0)):
+        beta = load_robot("beta", bus_servo__cycle=cycle)
+        assert ContactObserver(beta).gain == pytest.approx(gain)
+
+
+def test_joint_inertia_of_beta_has_what_hangs_at_its_knees():
+    """Against the mass matrix of the standing robot, which has the links' own inertia as well."""
+    robot = load_robot("beta")
+    model = build_spec(robot).compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, model.key("stand").id)
+    mujoco.mj_forward(model, data)
+    mass = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, mass)
+    np.testing.assert_allclose(joint_inertias(robot), np.diag(mass)[6:], rtol=0.33)

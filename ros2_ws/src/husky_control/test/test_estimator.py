@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from husky_control.estimator import GRAVITY, Estimator, EstimatorNoise
+from husky_control.estimation.estimator import Estimator, EstimatorNoise, LegOdometry
 from husky_control.kinematics import Kinematics
 from husky_control.parameters import Parameters
+from husky_description.gravity import GRAVITY
 from husky_description.robot import load_robot
 
 ROBOT = load_robot()
@@ -60,10 +61,10 @@ class Body:
         relative = (slip - velocity) @ self.rotation - np.cross(angular, feet)
         rate = np.concatenate([np.linalg.solve(jacobian[k], relative[k]) for k in range(4)])
         specific = self.rotation.T @ (np.asarray(acceleration) + [0.0, 0.0, GRAVITY])
-        self.estimator.update(
-            self.rotation, angular, specific, feet, jacobian, joints, rate,
-            np.asarray(trust, float), noise, DT,
+        measured = LegOdometry(
+            self.rotation, angular, specific, feet, jacobian, joints, rate, np.asarray(trust, float)
         )
+        self.estimator.update(measured, noise, DT)
 
     def rolling(self, velocity, slip):
         """Velocities (4, 3) m/s of the centres of rolling balls when the shins move like this."""
@@ -91,6 +92,21 @@ def test_reset_puts_the_lowest_foot_on_the_ground():
     estimator.reset(KINEMATICS.foot_positions(STAND), rotation)
     assert estimator.foot_in_world[:, 2].min() == pytest.approx(ROBOT.foot_radius, abs=1e-12)
     assert not estimator.position[:2].any() and not estimator.velocity.any()
+
+
+def test_on_ground_of_another_height_feet_are_found_there():
+    """Set down a hand's breadth too low, it comes up to the ground that it was told of."""
+    body = Body()
+    body.estimator.ground_height = height = 0.5
+    body.estimator.reset(KINEMATICS.foot_positions(STAND), np.eye(3))
+    standing = body.estimator.position[2]
+    assert body.estimator.foot_in_world[:, 2].min() == pytest.approx(height)
+    body.estimator.position[2] -= 0.1
+    body.estimator.foot_in_world[:, 2] -= 0.1
+    for _ in range(20):
+        body.step((0.0, 0.0, 0.0), trust=np.zeros(4))
+        body.step((0.0, 0.0, 0.0))  # each time the feet touch down anew
+    assert body.estimator.position[2] == pytest.approx(standing, abs=0.01)
 
 
 @pytest.mark.parametrize("angles", [(0.0, 0.0, 0.0), (0.05, -0.08, 1.2)])

@@ -5,40 +5,34 @@ import math
 import numpy as np
 import pytest
 
-from husky_control.foothold import nominal_footholds, place_footholds
+from husky_control.gait.foothold import Approach, FootholdLaw, foothold_of, nominal_footholds
+from husky_control.kinematics import leg_geometry
 from husky_description.robot import load_robot
 
 ROBOT = load_robot()
-ALL = np.ones(4, dtype=bool)
+NOMINAL = [(0.2, 0.1), (0.2, -0.1), (-0.2, 0.1), (-0.2, -0.1)]
 
 
 def place(**changes):
-    """Place four footholds of a body at rest at the origin, but for the changes."""
-    arguments = {
-        "nominal": np.array([[0.2, 0.1], [0.2, -0.1], [-0.2, 0.1], [-0.2, -0.1]]),
+    """Return four footholds (4, 2) of a body at rest at the origin, but for the changes."""
+    a = {
         "yaw": 0.0,
         "position": (0.0, 0.0),
         "velocity": (0.0, 0.0),
         "velocity_desired": (0.0, 0.0),
         "yaw_rate": 0.0,
-        "remaining": np.zeros(4),
-        "stance_time": 0.2,
-        "gain": 0.1,
+        "remaining": 0.0,
         "reach": 0.3,
-        "update": ALL,
-        "foothold": np.zeros((4, 2)),
     } | changes
-    a = arguments
-    place_footholds(
-        a["nominal"], math.cos(a["yaw"]), math.sin(a["yaw"]), *a["position"], *a["velocity"],
-        np.array(a["velocity_desired"]), a["yaw_rate"], a["remaining"], a["stance_time"],
-        a["gain"], a["reach"], a["update"], a["foothold"],
+    approach = Approach(
+        a["position"], a["velocity"], a["yaw"], a["velocity_desired"], a["yaw_rate"]
     )
-    return a["foothold"]
+    law = FootholdLaw(stance_time=0.2, velocity_gain=0.1, reach=a["reach"])
+    return np.array([foothold_of(nominal, a["remaining"], approach, law) for nominal in NOMINAL])
 
 
 def test_nominal_footholds_are_under_the_legs_and_spread_outward():
-    feet = nominal_footholds(ROBOT.hip_position, ROBOT.lateral_offset, -0.03, 0.04)
+    feet = nominal_footholds(leg_geometry(ROBOT), -0.03, 0.04)
     # Hips at +-0.20, +-0.05, legs 0.05 further out; 0.03 inward along x, 0.04 outward along y.
     expected = [[0.17, 0.14], [0.17, -0.14], [-0.17, 0.14], [-0.17, -0.14]]
     np.testing.assert_allclose(feet, expected, atol=1e-12)
@@ -52,13 +46,13 @@ def test_at_rest_the_feet_come_down_at_their_nominal_places():
 
 def test_at_the_desired_speed_a_foot_lands_half_a_stance_ahead_of_where_the_hip_will_be():
     # 0.6 m/s: 0.06 m until touchdown in 0.1 s, 0.06 m in half of 0.2 s; no velocity error.
-    feet = place(velocity=(0.6, 0.0), velocity_desired=(0.6, 0.0), remaining=np.full(4, 0.1))
+    feet = place(velocity=(0.6, 0.0), velocity_desired=(0.6, 0.0), remaining=0.1)
     np.testing.assert_allclose(feet[0], [0.2 + 0.06 + 0.06, 0.1])
 
 
 def test_a_push_moves_footholds_the_way_the_body_falls():
     # 0.5 m/s to the left that nobody asked for: 0.05 m until touchdown, 0.1 s x 0.5 m/s beyond.
-    feet = place(velocity=(0.0, 0.5), remaining=np.full(4, 0.1))
+    feet = place(velocity=(0.0, 0.5), remaining=0.1)
     np.testing.assert_allclose(feet[:, 1], [0.2, 0.0, 0.2, 0.0], atol=1e-12)
 
 
@@ -75,7 +69,7 @@ def test_heading_turns_the_nominal_places_only():
 
 def test_a_turning_body_swings_its_hips_around():
     # 0.5 rad/s over 0.1 s and half of 0.2 s: 0.1 rad, to first order (-0.1 y, 0.1 x).
-    feet = place(yaw_rate=0.5, remaining=np.full(4, 0.1))
+    feet = place(yaw_rate=0.5, remaining=0.1)
     np.testing.assert_allclose(feet[0], [0.2 - 0.1 * 0.1, 0.1 + 0.1 * 0.2])
 
 
@@ -86,10 +80,3 @@ def test_displacement_ends_at_the_reach_and_keeps_its_direction(direction):
     np.testing.assert_allclose(feet[0] - [0.2, 0.1], 0.25 * unit, atol=1e-12)
     just_below = place(velocity=tuple(2.4 * unit), reach=0.25)
     np.testing.assert_allclose(just_below[0] - [0.2, 0.1], 0.24 * unit, atol=1e-12)
-
-
-def test_only_the_legs_that_are_asked_for_are_placed():
-    kept = np.full((4, 2), 7.0)
-    feet = place(update=np.array([True, False, False, True]), foothold=kept.copy())
-    np.testing.assert_array_equal(feet[1:3], kept[1:3])
-    np.testing.assert_allclose(feet[[0, 3]], [[0.2, 0.1], [-0.2, -0.1]])

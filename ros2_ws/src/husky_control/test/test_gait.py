@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from husky_control.gait import COLUMN_UNITS, GAITS, GaitClock
+from husky_control.gait.table import COLUMN_UNITS, GAITS, GaitClock
 
 DT = 0.002
 LATE = 0.06

@@ -6,22 +6,22 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
-
-from husky_control.ground_model import (
+from ground_model import (
     f_rom_on_ground,
     friction_coefficient,
     ground_force,
     ground_forces,
     smooth_ground_force,
 )
-from husky_control.reduced_order import (
+from scipy.integrate import solve_ivp
+
+from husky_control.planning.reduced_order import (
     VELOCITY,
     foot_positions,
     foot_velocities,
     standing_state,
 )
-from husky_control.rom_parameters import rom_parameters
+from husky_control.planning.rom_parameters import rom_parameters
 from husky_description.ground import GROUND_PRESETS, GroundModel, ground_preset
 from husky_description.robot import load_robot
 

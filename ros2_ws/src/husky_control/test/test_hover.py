@@ -1,5 +1,7 @@
 """Hovering, against a body and fans of a few lines, and the camera's poses by closed forms."""
 
+import copy
+import functools
 import math
 
 import numpy as np
@@ -8,8 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from husky_control.hover import AIRBORNE, Hover, HoverGains, Phase
-from husky_control.t265_pose import BaseTracker, T265Pose
+from husky_control.estimation.t265_pose import BaseTracker, T265Pose
+from husky_control.flight.hover import AIRBORNE, Hover, HoverPhase
+from husky_control.flight.hover_gains import HoverGains
 from husky_description.robot import load_robot
 
 ROBOT = load_robot()
@@ -100,11 +103,17 @@ class Body:
         return np.array(track)
 
 
-def hovering(**options):
-    body = Body(**options).begin()
+@functools.cache
+def _taken_off():
+    body = Body().begin()
     body.run(8.0)
-    assert body.hover.phase is Phase.HOLD
+    assert body.hover.phase is HoverPhase.HOLD
     return body
+
+
+def hovering():
+    """A body that has taken off and holds its place: flown once, a copy for each test."""
+    return copy.deepcopy(_taken_off())
 
 
 # ------------------------------------------------------------- the camera's poses
@@ -198,7 +207,9 @@ def test_takes_off_holds_its_height_and_lands(weight):
 
 
 def test_a_level_that_is_not_level_is_trimmed():
-    body = hovering(trim=(0.02, -0.02))
+    body = Body(trim=(0.02, -0.02)).begin()
+    body.run(8.0)
+    assert body.hover.phase is HoverPhase.HOLD
     track = body.run(15.0)
     assert np.abs(track[:, :2]).max() < 0.3
     assert np.abs(track[-1, :2]).max() < 0.05
@@ -217,7 +228,7 @@ def test_a_jump_of_the_camera_does_not_move_the_body(shift):
     before = body.position.copy()
     body.camera += shift
     track = body.run(4.0)
-    assert body.hover.phase is Phase.HOLD and body.hover.jumps == 1
+    assert body.hover.phase is HoverPhase.HOLD and body.hover.jumps == 1
     assert np.abs(track - before).max() < 0.03
     assert "jumped" in body.hover.note
 
@@ -242,9 +253,9 @@ def test_without_the_camera_it_lands_level(kind):
     else:
         body.variance = 10.0
     body.run(0.24)
-    assert body.hover.phase is Phase.HOLD
+    assert body.hover.phase is HoverPhase.HOLD
     body.run(0.03)
-    assert body.hover.phase is Phase.BLIND
+    assert body.hover.phase is HoverPhase.BLIND
     level = Rotation.from_quat(body.hover.attitude).apply((0.0, 0.0, 1.0))
     assert level[2] == pytest.approx(1.0)
     body.run(8.0, lambda b: b.hover.done)
@@ -259,7 +270,7 @@ def test_a_camera_that_is_back_in_time_is_flown_by():
     body.run(0.2)
     body.blind = False
     body.run(2.0)
-    assert body.hover.phase is Phase.HOLD and np.abs(body.position - (0, 0, 0.3)).max() < 0.05
+    assert body.hover.phase is HoverPhase.HOLD and np.abs(body.position - (0, 0, 0.3)).max() < 0.05
 
 
 @pytest.mark.parametrize("bias", [-0.05, 0.05])
@@ -306,7 +317,7 @@ def test_whatever_happens_force_and_tilt_stay_within_their_limits(events, weight
         elif event == "end":
             body.hover.end()
         for _ in range(100):
-            if body.hover.phase is Phase.FADE:
+            if body.hover.phase is HoverPhase.FADE:
                 body.hover.fade(DT)
             elif body.hover.active:
                 body.step()

@@ -5,8 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from husky_control.estimator import GRAVITY
-from husky_control.incline import (
+from husky_control.incline.statics import (
     Incline,
     axial_thrust,
     feet_normal,
@@ -18,6 +17,7 @@ from husky_control.incline import (
     thrust_for_load,
     turn_towards,
 )
+from husky_description.gravity import GRAVITY
 
 MASS = 7.6
 UP = np.array([0.0, 0.0, 1.0])

@@ -8,17 +8,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from full_model import full_formulation, full_problem
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from husky_control.collocation.full_model import full_formulation, full_problem
-from husky_control.collocation.mesh import check_on_finer_mesh
-from husky_control.collocation.planner import PlanFailure, Planner
-from husky_control.collocation.request import PlanRequest, machine_of, steady_forces
-from husky_control.collocation.schedule import make_schedule
-from husky_control.collocation.solve import Solver
-from husky_control.plan import Plan
-from husky_control.reduced_order import ROTATION
+from husky_control.planning.collocation.mesh import check_on_finer_mesh
+from husky_control.planning.collocation.planner import PlanFailure, Planner
+from husky_control.planning.collocation.request import PlanRequest, machine_of, steady_forces
+from husky_control.planning.collocation.schedule import make_schedule
+from husky_control.planning.collocation.solve import Solver
+from husky_control.planning.plan import Plan, load_plan
+from husky_control.planning.reduced_order import ROTATION
 from husky_description.robot import load_robot
 
 MACHINE = machine_of(load_robot())
@@ -187,9 +187,15 @@ def test_plans_are_kept_on_disk(tmp_path: Path) -> None:
     assert nothing is None
     assert np.array_equal(plan.thrust, again.thrust)
     (file,) = tmp_path.glob("*.npz")
-    file.write_bytes(b"broken")
-    _, solved = Planner(MACHINE, tmp_path).solve(request(15))
+    damaged = bytearray(file.read_bytes())
+    damaged[damaged.index(b"PK\x01\x02") + 8] ^= 1  # one bit: "encrypted"
+    file.write_bytes(damaged)
+    planner = Planner(MACHINE, tmp_path)
+    anew, solved = planner.solve(request(15))
     assert solved is not None
+    assert planner.store is not None
+    assert planner.store.dropped == 1
+    assert np.array_equal(load_plan(file).thrust, anew.thrust), "made anew, and kept"
     _, other = Planner(MACHINE, tmp_path).solve(request(15, friction_margin=0.4))
     assert other is not None
 

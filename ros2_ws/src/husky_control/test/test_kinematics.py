@@ -7,7 +7,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from husky_control.kinematics import (
+    FootTargets,
+    JointRange,
+    JointTargets,
     Kinematics,
+    PlacedLegs,
     inverse_kinematics,
     leg_commands,
     solve_leg,
@@ -80,6 +84,20 @@ def test_center_of_mass_is_that_of_mujoco(q):
     np.testing.assert_allclose(center, simulated(q).subtree_com[base], atol=1e-12)
 
 
+def test_center_of_mass_of_beta_is_that_of_mujoco():
+    """With what is fixed to its thighs, and a body whose centre of mass is not its origin."""
+    robot = load_robot("beta")
+    kinematics, model = Kinematics(robot), build_spec(robot).compile()
+    data, rng = mujoco.MjData(model), np.random.default_rng(2)
+    for _ in range(50):
+        q = rng.uniform(robot.joint_lower, robot.joint_upper)
+        data.qpos[:] = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, *q]
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        expected = data.subtree_com[model.body("base").id]
+        np.testing.assert_allclose(kinematics.center_of_mass(q), expected, atol=1e-12)
+
+
 @settings(max_examples=200)
 @given(joints(straightest_knee=0.01))
 def test_inverse_places_the_feet_where_they_were(q):
@@ -141,31 +159,28 @@ def test_a_foot_inside_of_the_lateral_offset_is_out_of_reach():
 )
 def test_joint_rates_move_the_foot_as_asked(q, velocity, leg):
     _, jacobians = KINEMATICS.foot_positions_and_jacobians(q)
-    asked, rate = np.array(velocity), np.empty(3)
     if np.linalg.svd(jacobians[leg])[1][-1] < 0.05:
         return  # near a singularity the answer is damped, see below
-    solve_leg(jacobians, leg, asked, rate, 0.0)
+    rate = solve_leg(jacobians[leg], tuple(velocity), 0.0)
     # det(J J^T) is at least 0.05^6 of order one entries: 1e-16 / 1.6e-8 bounds the loss.
-    np.testing.assert_allclose(jacobians[leg] @ rate, asked, atol=1e-6)
+    np.testing.assert_allclose(jacobians[leg] @ rate, velocity, atol=1e-6)
 
 
 def test_joint_rates_of_a_straight_leg_stay_bounded():
     _, jacobians = KINEMATICS.foot_positions_and_jacobians(np.zeros(12))
-    rate = np.empty(3)
-    solve_leg(jacobians, 0, np.array([0.0, 0.0, -1.0]), rate, 1e-4)
+    rate = solve_leg(jacobians[0], (0.0, 0.0, -1.0), 1e-4)
     # Damped least squares never exceeds |v| / (2 sqrt(damping)).
     assert np.linalg.norm(rate) <= 1.0 / (2.0 * 1e-2) + 1e-9
 
 
 def command(feet, velocity, force, lower=ROBOT.joint_lower, upper=ROBOT.joint_upper):
     """Joint targets of leg_commands: misses, feet, Jacobians, positions, rates, torques."""
-    scratch, jacobian = np.empty((4, 3)), np.empty((4, 3, 3))
-    position, rate, torque = np.empty(12), np.empty(12), np.empty(12)
-    missed = leg_commands(
-        KINEMATICS.geometry, feet, velocity, force, np.array(lower), np.array(upper),
-        scratch, jacobian, position, rate, torque,
-    )
-    return missed, scratch, jacobian, position, rate, torque
+    placed = PlacedLegs(np.empty((4, 3)), np.empty((4, 3, 3)))
+    joints = JointTargets(*np.empty((3, 12)))
+    limits = JointRange(np.array(lower), np.array(upper))
+    targets = FootTargets(feet, velocity, force)
+    missed = leg_commands(KINEMATICS.geometry, limits, targets, placed, joints)
+    return missed, *placed, *joints
 
 
 def test_commands_hold_a_foot_force_by_virtual_work():

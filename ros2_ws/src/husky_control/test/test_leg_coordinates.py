@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from leg_coordinates import LegCoordinates
 
 from husky_control.kinematics import Kinematics
-from husky_control.leg_coordinates import LegCoordinates
-from husky_control.rom_parameters import hips_in_base
+from husky_control.planning.rom_parameters import hips_in_base
 from husky_description.robot import load_robot
 
 ROBOT = load_robot()
 KINEMATICS = Kinematics(ROBOT)
-LEGS = LegCoordinates(ROBOT)
+MAP = LegCoordinates(ROBOT)
 
 
 @st.composite
@@ -25,38 +25,38 @@ def joints(draw):
 
 def test_the_standing_robot_has_straight_legs_down():
     expected = np.tile([0.0, 0.0, ROBOT.stand_height], 4)
-    np.testing.assert_allclose(LEGS.from_joints(ROBOT.stand_joint_position), expected, atol=1e-14)
+    np.testing.assert_allclose(MAP.from_joints(ROBOT.stand_joint_position), expected, atol=1e-14)
 
 
 @settings(max_examples=50)
 @given(joints())
 def test_the_feet_are_the_same_and_the_way_back_leads_home(q):
-    legs = LEGS.from_joints(q)
-    np.testing.assert_allclose(LEGS.feet(legs), KINEMATICS.foot_positions(q), atol=1e-14)
+    legs = MAP.from_joints(q)
+    np.testing.assert_allclose(MAP.feet(legs), KINEMATICS.foot_positions(q), atol=1e-14)
     # 1e-16 m over a knee that is bent by 0.3 rad or more: the inverse loses one digit or two.
-    np.testing.assert_allclose(LEGS.to_joints(legs), q, atol=1e-12)
+    np.testing.assert_allclose(MAP.to_joints(legs), q, atol=1e-12)
 
 
 @settings(max_examples=50)
 @given(joints())
 def test_velocities_are_slopes_and_lead_back(q):
     rate, step = np.cos(np.arange(12.0)), 1e-6
-    velocity = LEGS.velocity_from_joints(q, rate)
-    slope = (LEGS.from_joints(q + step * rate) - LEGS.from_joints(q - step * rate)) / (2 * step)
+    velocity = MAP.velocity_from_joints(q, rate)
+    slope = (MAP.from_joints(q + step * rate) - MAP.from_joints(q - step * rate)) / (2 * step)
     # step^2 / 6 times third derivatives below 1e3, rounding of 1e-16 over the step.
     np.testing.assert_allclose(velocity, slope, atol=1e-8)
-    np.testing.assert_allclose(LEGS.velocity_to_joints(q, velocity), rate, atol=1e-10)
+    np.testing.assert_allclose(MAP.velocity_to_joints(q, velocity), rate, atol=1e-10)
 
 
 def test_what_turns_what():
     """Both hips forward: phi falls, gamma stays. Hip frontal outward: gamma turns as the hip."""
     q = ROBOT.stand_joint_position.copy()
     q[1::3] -= 0.2  # negative swings the foot forward
-    legs = LEGS.from_joints(q).reshape(4, 3)
+    legs = MAP.from_joints(q).reshape(4, 3)
     np.testing.assert_allclose(legs, np.tile([-0.2, 0.0, ROBOT.stand_height], (4, 1)), atol=1e-14)
     q = ROBOT.stand_joint_position.copy()
     q[0] = 0.3  # front left, outward
-    gamma = LEGS.from_joints(q)[1]
+    gamma = MAP.from_joints(q)[1]
     assert gamma > 0.3, "the offset turns with the hip: the foot goes further than the angle"
 
 
@@ -66,24 +66,24 @@ def test_a_straight_leg_cannot_do_every_velocity():
     with pytest.raises(
         ValueError, match=r"leg 0 has no such velocity: the robot's leg is straight"
     ):
-        LEGS.velocity_to_joints(q, np.ones(12))
+        MAP.velocity_to_joints(q, np.ones(12))
     # Measured all the same.
-    assert np.isfinite(LEGS.velocity_from_joints(q, np.ones(12))).all()
+    assert np.isfinite(MAP.velocity_from_joints(q, np.ones(12))).all()
 
 
 def test_bad_input():
     hip = hips_in_base(ROBOT)
     with pytest.raises(ValueError, match="foot 0 lies in its hip: phi and gamma are undefined"):
-        LEGS.from_feet(hip)
+        MAP.from_feet(hip)
     with pytest.raises(ValueError, match="a foot is out of reach"):
-        LEGS.to_joints(np.tile([0.0, 0.0, 0.8], 4))
+        MAP.to_joints(np.tile([0.0, 0.0, 0.8], 4))
     with pytest.raises(ValueError, match=r"foot_position must have shape \(4, 3\), not \(3,\)"):
-        LEGS.from_feet(np.zeros(3))
+        MAP.from_feet(np.zeros(3))
     with pytest.raises(ValueError, match=r"leg_position must have shape \(12,\), not \(4,\)"):
-        LEGS.to_joints(np.zeros(4))
+        MAP.to_joints(np.zeros(4))
     with pytest.raises(ValueError, match=r"joint_velocity must have shape \(12,\), not \(3,\)"):
-        LEGS.velocity_from_joints(ROBOT.stand_joint_position, np.zeros(3))
+        MAP.velocity_from_joints(ROBOT.stand_joint_position, np.zeros(3))
     with pytest.raises(ValueError, match=r"leg_velocity must have shape \(12,\), not \(3,\)"):
-        LEGS.velocity_to_joints(ROBOT.stand_joint_position, np.zeros(3))
+        MAP.velocity_to_joints(ROBOT.stand_joint_position, np.zeros(3))
     sideways = hip + [[0.0, s * 0.4, 0.0] for s in ROBOT.side]
-    assert LEGS.from_feet(sideways)[1] == pytest.approx(np.pi / 2)
+    assert MAP.from_feet(sideways)[1] == pytest.approx(np.pi / 2)

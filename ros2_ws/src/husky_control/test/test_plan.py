@@ -3,76 +3,26 @@
 from __future__ import annotations
 
 import dataclasses
+import io
 import json
 import math
+import os
+import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from example_plan import PERIOD, SPEED, make_plan, motion
 from scipy.spatial.transform import Rotation
 
-from husky_control.plan import MeshError, Plan, PlanFileError, load_plan, slope_rotation
-from husky_control.rotation_vector import (
+from husky_control.planning.plan import MeshError, Plan, PlanFileError, load_plan, slope_rotation
+from husky_control.rotation import (
     rotation_from_vector,
     vector_from_rotation,
     vector_rate,
 )
-
-POINTS = 12
-PERIOD = 0.4
-SPEED = 0.3
-
-
-def motion(time: np.ndarray) -> dict[str, np.ndarray]:
-    """A smooth body motion whose derivatives are known."""
-    w = 2.0 * math.pi / PERIOD
-    wave, slope, bend = np.cos(w * time), -w * np.sin(w * time), -(w**2) * np.cos(w * time)
-    zero = np.zeros_like(time)
-    turn = Rotation.from_rotvec(np.outer(0.1 * wave, [0.0, 1.0, 0.0]))
-    return {
-        "position": np.stack([SPEED * time, 0.01 * wave, 0.5 + 0.02 * wave], axis=1),
-        "velocity": np.stack([SPEED + zero, 0.01 * slope, 0.02 * slope], axis=1),
-        "acceleration": np.stack([zero, 0.01 * bend, 0.02 * bend], axis=1),
-        "rotation": turn.as_matrix(),
-        "angular_velocity": np.stack([zero, 0.1 * slope, zero], axis=1),
-        "angular_acceleration": np.stack([zero, 0.1 * bend, zero], axis=1),
-    }
-
-
-def make_plan(points: int = POINTS, **changes: object) -> Plan:
-    half = np.linspace(0.0, PERIOD / 2, points // 2 + 1)
-    time = np.concatenate([half, PERIOD / 2 + half])
-    first = np.arange(len(time)) < len(half)
-    stance = np.where(first[:, None], [True, False, False, True], [False, True, True, False])
-    force = np.zeros((len(time), 4, 3))
-    force[..., 2] = 37.0 * stance
-    fields: dict[str, object] = {
-        "slope": 0.5,
-        "speed": SPEED,
-        "friction": 0.7,
-        "friction_margin": 0.5,
-        "thrust_mode": "vector",
-        "gait": "trot",
-        "period": PERIOD,
-        "duty": 0.5,
-        "touchdown_phase": np.array([0.0, 0.5, 0.5, 0.0]),
-        "height": 0.5,
-        "mass": 7.6,
-        "thrust_limit": 76.0,
-        "center_of_mass": np.array([-0.005, 0.0, -0.015]),
-        "time": time,
-        "foot_force": force,
-        "thrust": np.stack([20.0 * time, 0.0 * time, 1.0 + time], axis=1),
-        "stance": stance,
-        "foothold": np.array(
-            [[0.2, 0.1, 0.0], [0.26, -0.1, 0.0], [-0.14, 0.1, 0.0], [-0.2, -0.1, 0.0]]
-        ),
-        "mesh_error": MeshError(1e-6, 2e-6, 3e-6, 4e-6),
-        "cost": 1.5,
-        **motion(time),
-        **changes,
-    }
-    return Plan(**fields)  # type: ignore[arg-type]
+from husky_runtime.stored_file import read_sealed, seal, write_sealed
 
 
 def worst_interpolation(points: int) -> float:
@@ -139,25 +89,30 @@ def test_saved_and_loaded_is_the_same(tmp_path: Path) -> None:
 
 
 def rewrite(path: Path, **changes: object) -> None:
-    with np.load(path) as archive:
+    """As another program would that knows of the checksum."""
+    with np.load(io.BytesIO(read_sealed(path))) as archive:
         fields = dict(archive)
     meta = json.loads(str(fields["meta"]))
     meta.update({k: v for k, v in changes.items() if not isinstance(v, np.ndarray)})
     fields.update({k: v for k, v in changes.items() if isinstance(v, np.ndarray)})
     fields["meta"] = np.array(json.dumps({k: v for k, v in meta.items() if v is not None}))
-    np.savez(path, **fields)
+    content = io.BytesIO()
+    np.savez(content, **fields)
+    write_sealed(path, content.getvalue())
 
 
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"version": 99}, "version 99.*version 1"),
+        ({"version": 99}, "version 99.*version 2"),
         ({"format": "other"}, "'other'"),
         ({"cost": None}, "cost"),
         ({"thrust": np.zeros((2, 3))}, "thrust has shape"),
         ({"thrust_mode": "rocket"}, "rocket"),
         ({"time": np.zeros(14)}, "period"),
         ({"foothold": np.full((4, 3), np.nan)}, "foothold"),
+        ({"mass": math.nan}, "mass is nan"),
+        ({"period": "long"}, "a plan that cannot be"),
     ],
 )
 def test_a_file_that_is_no_plan_says_why(
@@ -170,12 +125,55 @@ def test_a_file_that_is_no_plan_says_why(
         load_plan(path)
 
 
-@pytest.mark.parametrize("content", [b"", b"hello", b"PK\x03\x04broken"])
-def test_any_other_file_is_refused(tmp_path: Path, content: bytes) -> None:
+@pytest.mark.parametrize("content", [b"", b"hello", b"PK\x03\x04broken", b"{}", b"[1, 2"])
+@pytest.mark.parametrize("sealed", [False, True])
+def test_any_other_file_is_refused(tmp_path: Path, content: bytes, sealed: bool) -> None:
     path = tmp_path / "plan.npz"
-    path.write_bytes(content)
-    with pytest.raises(PlanFileError, match="not a plan"):
+    path.write_bytes(seal(content) if sealed else content)
+    with pytest.raises(PlanFileError, match=r"plan\.npz .*(not a plan|checksum)"):
         load_plan(path)
+
+
+def test_a_plan_without_a_checksum_is_to_be_planned_again(tmp_path: Path) -> None:
+    """As version 1 of the format wrote it."""
+    path = tmp_path / "plan.npz"
+    make_plan().save(path)
+    path.write_bytes(read_sealed(path))
+    with np.load(path) as archive:
+        assert "position" in archive
+    with pytest.raises(PlanFileError, match=r"checksum.*plan it again"):
+        load_plan(path)
+
+
+def test_every_byte_of_a_plan_counts(tmp_path: Path) -> None:
+    """One flipped bit, in any byte, and any length that is not the whole: never another plan."""
+    path = tmp_path / "plan.npz"
+    make_plan().save(path)
+    whole = path.read_bytes()
+    bits = np.random.default_rng(1).integers(0, 8, len(whole))
+    with path.open("r+b", buffering=0) as file:
+        for place, bit in enumerate(bits):
+            os.pwrite(file.fileno(), bytes([whole[place] ^ (1 << bit)]), place)
+            with pytest.raises(PlanFileError, match=re.escape(str(path))):
+                load_plan(path)
+            os.pwrite(file.fileno(), whole[place : place + 1], place)
+        assert load_plan(path).cost == make_plan().cost
+        for length in reversed(range(len(whole))):
+            file.truncate(length)
+            with pytest.raises(PlanFileError, match=re.escape(str(path))):
+                load_plan(path)
+    path.write_bytes(whole + b"\0")
+    with pytest.raises(PlanFileError, match="checksum"):
+        load_plan(path)
+
+
+def test_a_plan_is_written_whole_or_not_at_all(tmp_path: Path, small_files: Any) -> None:
+    path = tmp_path / "plan.npz"
+    make_plan().save(path)
+    with small_files(1000), pytest.raises(OSError, match="File too large"):
+        make_plan(cost=2.0).save(path)
+    assert load_plan(path).cost == 1.5
+    assert list(tmp_path.iterdir()) == [path], "nothing is left behind"
 
 
 def test_arrays_cannot_be_written() -> None:

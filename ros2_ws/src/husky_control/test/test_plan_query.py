@@ -2,31 +2,31 @@
 
 import math
 
-import numpy as np
 import pytest
 
 from husky_control.controller import Controller
-from husky_control.modes import Mode
+from husky_control.incline.plan_query import SLOPE_STEP, PlanQuery, next_query
+from husky_control.modes.table import Mode
 from husky_control.parameters import Parameters
-from husky_control.plan_query import SLOPE_STEP, PlanQuery, next_query
 from husky_description.robot import load_robot
 
 
-class Walker:
-    """What `next_query` reads of a controller that climbs."""
+class Walker(Controller):
+    """A controller that climbs at 0.25 m/s, as far as `next_query` looks."""
+
+    mode = Mode.WAIR
 
     def __init__(self, mounting="vectoring", **parameters):
         robot = load_robot(fans__mounting=mounting)
-        self.parameters = Parameters(parameters)
-        self.climbing = Controller(robot, self.parameters, warm_up=False).climbing
-        self.mode = Mode.WAIR
-        self.commanded_velocity = np.array([0.25, 0.0, 0.0])
-        self.forward = np.array([1.0, 0.0, 0.0])
+        super().__init__(robot, Parameters(parameters), warm_up=False)
+        self.speed = self.walking.reference.ramped
+        self.speed[0] = 0.25
+        self.forward = self.body.rotation[:, 0]
 
     def at(self, degrees):
         slope = math.radians(degrees)
         self.climbing.normal[:] = -math.sin(slope), 0.0, math.cos(slope)
-        self.forward = np.array([math.cos(slope), 0.0, math.sin(slope)])
+        self.forward[:] = math.cos(slope), 0.0, math.sin(slope)
         return self
 
 
@@ -49,10 +49,10 @@ def test_only_in_wair_with_fans_walking_and_facing_the_slope():
     assert next_query(walker, None) is None
     assert next_query(Walker(**{"wair.thrust_share": 0.0}).at(30.0), None) is None
     walker = Walker().at(30.0)
-    walker.commanded_velocity[0] = 0.0
+    walker.speed[0] = 0.0
     assert next_query(walker, None) is None
     walker = Walker().at(30.0)
-    walker.forward = np.array([0.0, 1.0, 0.0])
+    walker.forward[:] = 0.0, 1.0, 0.0
     assert next_query(walker, None) is None
 
 
@@ -64,6 +64,6 @@ def test_a_query_holds_until_slope_or_speed_have_clearly_left_it():
     assert next_query(walker.at(30.0 - 0.69 * step), first) is None
     second = next_query(walker.at(30.0 + 0.75 * step), first)
     assert math.degrees(second.slope) == pytest.approx(30.0 + step)
-    walker.commanded_velocity[0] = -0.25
+    walker.speed[0] = -0.25
     third = next_query(walker, second)
     assert isinstance(third, PlanQuery) and third.speed == pytest.approx(-0.25)

@@ -5,13 +5,13 @@ import math
 import numpy as np
 import pytest
 
-from husky_control.climbing import Climbing
 from husky_control.controller import Controller
-from husky_control.estimator import GRAVITY
-from husky_control.incline import least_thrust
+from husky_control.incline.climbing import Climbing
+from husky_control.incline.plan_reference import REACH, reference_of
+from husky_control.incline.statics import least_thrust
 from husky_control.parameters import Parameters
-from husky_control.plan import MeshError, Plan
-from husky_control.plan_reference import REACH, reference_of
+from husky_control.planning.plan import MeshError, Plan
+from husky_description.gravity import GRAVITY
 from husky_description.robot import load_robot
 
 SLOPE, RATIO, MASS, HEIGHT, PERIOD, SPEED = math.radians(45.0), 0.32, 7.6, 0.5, 0.34, 0.25

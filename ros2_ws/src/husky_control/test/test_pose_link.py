@@ -11,8 +11,8 @@ pytest.importorskip("rclpy")
 from nav_msgs.msg import Odometry
 
 from husky_control.nodes.pose_link import PoseLink
-from husky_control.t265_pose import T265Pose
-from husky_description.nodes import stamps
+from husky_control.tick_data import Measurements
+from husky_runtime.nodes import stamps
 
 MS = 1_000_000
 
@@ -20,9 +20,15 @@ MS = 1_000_000
 class FakeNode:
     """Keeps the callback of the one subscription."""
 
+    executor = None
+
     def create_subscription(self, kind, topic, callback, profile):
         """Take a callback."""
         self.say = callback
+
+    def resolve_topic_name(self, topic):
+        """It is in no namespace."""
+        return f"/{topic}"
 
 
 def make(lockstep=True):
@@ -42,9 +48,9 @@ def make(lockstep=True):
 
 def taken(link, milliseconds):
     """The pose that a tick takes."""
-    pose = T265Pose()
-    link.take(milliseconds * MS, pose)
-    return pose
+    measurements = Measurements()
+    link.take(milliseconds * MS, measurements)
+    return measurements.pose
 
 
 def test_nothing_is_known_and_nobody_awaited_before_the_first_pose():
@@ -100,7 +106,7 @@ def test_poses_of_before_a_reset_do_not_count():
     link, publish = make()
     publish(5000)
     taken(link, 5010)
-    link.restart()
+    link.restart(0)
     publish(0)
     taken(link, 10)
     publish(5005)  # late, of the old time

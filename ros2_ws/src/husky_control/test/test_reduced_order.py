@@ -3,9 +3,10 @@
 import casadi as ca
 import numpy as np
 import pytest
+from rom_integration import integrate_rom
 from scipy.spatial.transform import Rotation
 
-from husky_control.reduced_order import (
+from husky_control.planning.reduced_order import (
     ANGULAR_VELOCITY,
     LEG_POSITION,
     LEG_VELOCITY,
@@ -31,8 +32,7 @@ from husky_control.reduced_order import (
     thrust_input_matrix,
     unpack_state,
 )
-from husky_control.rom_integration import integrate_rom
-from husky_control.rom_parameters import in_slope_frame, rom_parameters
+from husky_control.planning.rom_parameters import in_slope_frame, rom_parameters
 from husky_description.robot import load_robot
 
 ROBOT = load_robot()

@@ -3,11 +3,11 @@
 import mujoco
 import numpy as np
 import pytest
+from leg_coordinates import LegCoordinates
 from scipy.spatial.transform import Rotation
 
 from husky_control.kinematics import Kinematics
-from husky_control.leg_coordinates import LegCoordinates
-from husky_control.reduced_order import (
+from husky_control.planning.reduced_order import (
     RomState,
     body_acceleration,
     foot_positions,
@@ -17,18 +17,16 @@ from husky_control.reduced_order import (
     pack_state,
     standing_state,
 )
-from husky_control.rom_parameters import rom_parameters
+from husky_control.planning.rom_parameters import rom_parameters
 from husky_description.mujoco_model import build_spec
 from husky_description.robot import load_robot
 
 ROBOT = load_robot()
 PARAMETERS = rom_parameters(ROBOT)
-LEGS = LegCoordinates(ROBOT)
+MAP = LegCoordinates(ROBOT)
 MODEL = build_spec(ROBOT).compile()
 STAND = ROBOT.stand_joint_position
 WEIGHT = -PARAMETERS.mass * PARAMETERS.gravity[2]
-# MuJoCo's model has its own gravity, 9.81; the project's is standard gravity.
-MODEL.opt.gravity = PARAMETERS.gravity
 
 
 def placed(joints, rotation, position, joint_velocity, angular_velocity, velocity):
@@ -61,8 +59,8 @@ def test_feet_and_their_velocities_are_those_of_the_robot(seed):
     center = PARAMETERS.center_of_mass
     x = pack_state(
         RomState(
-            LEGS.from_joints(joints),
-            LEGS.velocity_from_joints(joints, rates),
+            MAP.from_joints(joints),
+            MAP.velocity_from_joints(joints, rates),
             rotation,
             position + rotation @ center,
             omega,
@@ -117,7 +115,6 @@ def test_static_ground_forces_are_those_of_the_standing_robot():
     spec = build_spec(ROBOT)
     spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[2.0, 2.0, 0.1])
     model = spec.compile()
-    model.opt.gravity = PARAMETERS.gravity
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, model.key("stand").id)
     for _ in range(int(3.0 / model.opt.timestep)):
@@ -169,7 +166,7 @@ def test_what_massless_legs_leave_out_in_a_trot():
         force.append(data.qfrc_inverse[:3] - [0.0, 0.0, WEIGHT])
         moment.append(data.qfrc_inverse[3:6] - np.cross(center, data.qfrc_inverse[:3]))
         offset.append(center - PARAMETERS.center_of_mass)
-    # 0.3 m/s, period 0.4 s, 5 cm high: the figures in docs/incline_walking.md.
+    # 0.3 m/s, period 0.4 s, 5 cm high: the figures in docs/incline_theory.md.
     force_peak, moment_peak, offset_peak = (
         np.abs(values).max(axis=0) for values in (force, moment, offset)
     )

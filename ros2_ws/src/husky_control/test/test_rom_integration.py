@@ -2,17 +2,17 @@
 
 import numpy as np
 import pytest
+from rom_integration import integrate_rom, rom_step
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from husky_control.reduced_order import (
+from husky_control.planning.reduced_order import (
     ANGULAR_VELOCITY,
     f_rom,
     standing_state,
     unpack_state,
 )
-from husky_control.rom_integration import integrate_rom, rom_step
-from husky_control.rom_parameters import rom_parameters
+from husky_control.planning.rom_parameters import rom_parameters
 from husky_description.robot import load_robot
 
 PARAMETERS = rom_parameters(load_robot())

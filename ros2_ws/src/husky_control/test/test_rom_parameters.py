@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from husky_control.rom_parameters import hips_in_base, rom_parameters
+from husky_control.planning.rom_parameters import hips_in_base, rom_parameters
 from husky_description.robot import load_robot
 from husky_description.urdf import build_urdf
 

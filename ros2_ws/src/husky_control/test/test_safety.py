@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from husky_control.parameters import Parameters
 from husky_control.safety import Safety
+from husky_control.tick_data import Measurements
 from husky_description.robot import load_robot
 
 ROBOT = load_robot()
@@ -17,16 +18,9 @@ P = Parameters()
 
 def check(safety, **changes):
     """Judge a robot that stands well, but for the changes."""
-    good = {
-        "joint_position": STAND,
-        "joint_torque": np.zeros(12),
-        "tilt": 0.0,
-        "joint_age_ticks": 1,
-        "imu_age": 0.0,
-        "drives_operational": True,
-        "dt": DT,
-    }
-    return safety.check(**(good | changes))
+    tilt = changes.pop("tilt", 0.0)
+    good = {"joint_position": STAND, "joint_age_ticks": 1, "drives_operational": True}
+    return safety.check(Measurements(**(good | changes)), tilt, DT)
 
 
 @pytest.fixture

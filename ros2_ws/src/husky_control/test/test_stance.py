@@ -6,8 +6,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from husky_control.kinematics import Kinematics
-from husky_control.stance import distribute_weight, foot_targets, internal_load
+from husky_control.gait.stance import (
+    FeetInGround,
+    Load,
+    ReferenceBody,
+    Rolling,
+    distribute_weight,
+    foot_targets,
+    internal_load,
+)
+from husky_control.gait.state import BodyInGround
+from husky_control.kinematics import FootTargets, JointTargets, Kinematics
 from husky_description.robot import load_robot
 
 ROBOT = load_robot()
@@ -36,14 +45,18 @@ def targets(swinging=(False,) * 4, **changes):
         "blend": np.zeros((4, 3)),
         "decay": 0.9,
     } | changes
-    target, rate = np.zeros((4, 3)), np.zeros((4, 3))
+    feet = FootTargets(*np.zeros((3, 4, 3)))
     foot_targets(
-        np.array(swinging), a["rotation"], a["desired"], a["position"], a["velocity"],
-        a["angular"], a["reference"], a["reference_velocity"], a["yaw_rate"], a["radius"], STAND,
-        a["joint_velocity"], DT, a["anchor"], a["swing_position"], a["swing_velocity"],
-        a["blend"], a["decay"], target, rate,
+        FeetInGround(
+            np.array(swinging), a["anchor"], a["blend"], a["swing_position"], a["swing_velocity"]
+        ),
+        BodyInGround(a["rotation"], a["angular"], a["position"], a["velocity"]),
+        ReferenceBody(a["desired"], a["reference"], a["reference_velocity"], a["yaw_rate"]),
+        JointTargets(STAND, a["joint_velocity"], np.zeros(12)),
+        Rolling(a["radius"], a["decay"], DT),
+        feet,
     )
-    return target, rate
+    return feet.position, feet.velocity
 
 
 def random_rotation(seed, most=0.3):
@@ -126,9 +139,8 @@ def weigh(share, center=(0.0, 0.0, 0.0), rotation=None, moment=(0.0, 0.0), most=
     """Forces (4, 3) N in world, and the feet relative to the centre of mass in world."""
     matrix = np.eye(3) if rotation is None else rotation
     out = np.zeros((4, 3))
-    distribute_weight(
-        FEET, np.array(center), np.array(share, float), matrix, force, *moment, most, out
-    )
+    load = Load(force, *moment, most)
+    distribute_weight(FEET, np.array(center), np.array(share, float), matrix, load, out)
     return out @ matrix.T, (FEET - center) @ matrix.T
 
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from husky_control.controller import Controller
-from husky_control.gait import GAITS
+from husky_control.gait.suspended import Suspended
+from husky_control.gait.table import GAITS
 from husky_control.kinematics import LEGS, Kinematics
-from husky_control.modes import Mode
-from husky_control.suspended import Suspended
+from husky_control.modes.table import Mode
 from husky_control.tick_data import Measurements
 from husky_description.robot import load_robot
 
@@ -81,6 +81,30 @@ def test_stopped_feet_come_down_and_stay(legs):
     assert np.ptp(feet[-20:], axis=0).max() == 0.0
 
 
+@pytest.mark.parametrize("velocity", [(0.4, 0.0, 0.0), (0.1, -0.2, 0.0), (0.0, 0.0, 0.5)])
+def test_feet_that_stand_go_with_the_ground(legs, velocity):
+    """Seen from a body that moves as commanded they stand still, and pass under their places."""
+    tick(legs, 1.1)
+    places, _ = tick(legs, DT)
+    legs.tread(TROT)
+    legs.velocity[:] = velocity
+    ahead, left, turning = velocity
+    ground, stands = [], []
+    tick(legs, 2 * TROT.period)
+    for _ in range(round(TROT.period / DT)):
+        feet, _ = tick(legs, DT)
+        ground.append(feet[0])
+        stands.append(~legs.clock.swinging)
+    ground, stands = np.array(ground), np.array(stands)
+    x, y = places[0, :, 0], places[0, :, 1]
+    drift = np.stack((turning * y - ahead, -turning * x - left), axis=1)
+    slip = np.abs(np.diff(ground[..., :2], axis=0) / DT - drift)[stands[1:] & stands[:-1]]
+    assert slip.max() < 0.01
+    for leg in range(LEGS):
+        middle = ground[stands[:, leg], leg, :2].mean(axis=0)
+        np.testing.assert_allclose(middle, places[0, leg, :2], atol=0.004)
+
+
 def hanging(tilt=0.0):
     """Return a controller in the mode hang, its posture reached, and what it measures."""
     controller = Controller(ROBOT, warm_up=False)
@@ -107,7 +131,7 @@ def test_treading_by_request_and_back():
     assert controller.request_mode("tread")[0]
     follow(controller, m, 2.2 * TROT.period)
     assert controller.mode is Mode.TREAD
-    assert 0 < controller.stance.sum() < LEGS
+    assert 0 < controller.present.clock.swinging.sum() < LEGS
     assert controller.request_mode("hang") == (True, "stopping")
     follow(controller, m, TROT.period)
     assert controller.mode is Mode.HANG
@@ -119,11 +143,11 @@ def test_no_ground_is_believed():
     """The estimate stays: nothing says where a hanging body goes."""
     controller, m = hanging()
     controller.request_mode("tread")
-    start = controller.position_base_in_world.copy()
+    start = controller.body.estimator.position.copy()
     m.specific_force_base[:] = 0.3, 0.2, 9.0
     follow(controller, m, 2.0)
-    np.testing.assert_allclose(controller.position_base_in_world, start, atol=0.1)
-    assert np.abs(controller.velocity_base_in_world).max() == 0.0
+    np.testing.assert_allclose(controller.body.estimator.position, start, atol=0.1)
+    assert np.abs(controller.body.estimator.velocity).max() == 0.0
 
 
 def test_drives_that_fail_in_the_air_end_in_damping():

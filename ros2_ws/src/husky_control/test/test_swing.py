@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from husky_control.swing import SHORTEST_REPLAN, swing_feet
+from husky_control.gait.swing import SHORTEST_REPLAN, SwingPaths, SwingShape, swing_feet
 
 DT = 0.002
 START = np.array([0.1, -0.2, 0.02])
@@ -16,17 +16,16 @@ SPEED, DEPTH = 0.35, 0.05
 def swing(time, goal=lambda s: GOAL, overtime=0.0, ground=GROUND):
     """Positions and velocities (ticks, 3) of one leg through a swing, and of a leg that stands."""
     swinging = np.array([True, False, False, False])
-    position, velocity = np.tile(START, (4, 1)), np.zeros((4, 3))
-    start_height = np.full(4, START[2])
+    start, foothold, position = np.tile(START, (3, 4, 1))
+    velocity = np.zeros((4, 3))
+    paths = SwingPaths(start, foothold, position, velocity)
+    shape = SwingShape(time, HEIGHT, SPEED, DEPTH)
     path, rates = [position[0].copy()], [velocity[0].copy()]
     ticks = round(time / DT)
     for tick in range(1, ticks + 1 + round(overtime / DT)):
         s = min(1.0, tick / ticks)
-        foothold = np.tile(goal(s), (4, 1))
-        swing_feet(
-            swinging, np.array([s, -1.0, -1.0, -1.0]), time, foothold, np.full(4, ground), HEIGHT,
-            SPEED, DEPTH, start_height, DT, position, velocity,
-        )
+        foothold[:] = (*goal(s), ground)
+        swing_feet(swinging, np.array([s, -1.0, -1.0, -1.0]), paths, shape, DT)
         path.append(position[0].copy())
         rates.append(velocity[0].copy())
     assert (position[1:] == START).all() and not velocity[1:].any(), "a standing foot was moved"

@@ -1,12 +1,17 @@
 """What a foot in the air does when the ground expected at its foothold changes."""
 
+from dataclasses import FrozenInstanceError, replace
+
 import numpy as np
 import pytest
 
-from husky_control.gait import GAITS
+from husky_control.gait.ground import Ground
+from husky_control.gait.state import BodyInGround, FeetState
+from husky_control.gait.table import GAITS
+from husky_control.gait.walking import Walking
+from husky_control.incline.statics import plane_from_world
 from husky_control.kinematics import Kinematics
 from husky_control.parameters import Parameters
-from husky_control.walking import Walking
 from husky_description.robot import load_robot
 
 ROBOT = load_robot()
@@ -14,6 +19,7 @@ DT = 0.002
 SPEED = 0.25
 LEG = 1
 """The front right leg, of the pair that swings second."""
+STRAIGHT = Ground(bend=np.zeros((4, 2)))
 
 
 def swing_of_a_step(change=None, at=0.78):
@@ -24,7 +30,7 @@ def swing_of_a_step(change=None, at=0.78):
     kinematics = Kinematics(ROBOT)
     feet = kinematics.foot_positions(ROBOT.stand_joint_position)
     walking = Walking(ROBOT, Parameters(), GAITS["climb"])
-    walking.bend = np.zeros((4, 2))
+    walking.stand_on(STRAIGHT)
     position = np.array([0.0, 0.0, -feet[:, 2].mean()])
     velocity = np.array([SPEED, 0.0, 0.0])
     walking.begin(np.eye(3), position, feet, GAITS["climb"])
@@ -35,15 +41,10 @@ def swing_of_a_step(change=None, at=0.78):
         clock = walking.clock
         contact = ~clock.swinging | (clock.swing_progress > 0.97)
         walking.tick(
-            np.eye(3),
-            np.zeros(3),
-            position,
-            velocity,
-            feet,
-            position + feet,
-            contact,
-            np.zeros((4, 3)),
-            DT,
+            BodyInGround(np.eye(3), np.zeros(3), position, velocity),
+            FeetState(feet, position + feet, contact, np.zeros((4, 3))),
+            lift=0.0,
+            dt=DT,
         )
         feet = kinematics.foot_positions(walking.joint_position)
         position = position + velocity * DT
@@ -65,7 +66,7 @@ def jerk(path):
 
 
 def bends(walking, velocity):
-    walking.bend[:, 0] = 0.5
+    walking.stand_on(replace(walking.ground, bend=np.tile([0.5, 0.0], (4, 1))))
 
 
 def bends_and_slower(walking, velocity):
@@ -87,7 +88,7 @@ def test_a_leg_in_the_air_does_not_jerk(change, pitch, most, at):
     """A jerk takes torque, and torque is what a touchdown is told by."""
 
     def disturbed(walking, velocity):
-        walking.pitch = pitch
+        walking.stand_on(replace(walking.ground, pitch=pitch))
         change(walking, velocity)
 
     undisturbed = jerk(swing_of_a_step())
@@ -111,9 +112,37 @@ def test_a_pushed_robot_moves_its_foothold_if_it_leans_as_far_as_the_time_left_a
 
     def pushed(walking, velocity):
         velocity[0] = -0.4
-        walking.pitch = pitch
+        walking.stand_on(replace(walking.ground, pitch=pitch))
         held.append((walking, float(walking.foothold[LEG, 0])))
 
     swing_of_a_step(pushed, at)
     ((walking, before),) = held
     assert least < before - walking.foothold[LEG, 0] < most
+
+
+def test_ground_that_turns_and_turns_back_changes_nothing():
+    """On an incline of 30 deg the body is where it was, seen in the new frame; and back again."""
+    kinematics = Kinematics(ROBOT)
+    feet = kinematics.foot_positions(ROBOT.stand_joint_position)
+    walking = Walking(ROBOT, Parameters(), GAITS["trot"])
+    walking.begin(np.eye(3), np.array([0.4, -0.2, 0.5]), feet, GAITS["trot"])
+    before, yaw = walking.body_position.copy(), walking.reference.yaw
+    plane = plane_from_world(np.array([-0.5, 0.0, 0.75**0.5]))
+    walking.stand_on(Ground(plane=plane))
+    np.testing.assert_allclose(walking.body_position, plane @ before, atol=1e-12)
+    np.testing.assert_allclose(
+        walking.reference.position, walking.body_position[:2], atol=1e-12
+    )
+    assert walking.ground.gravity == pytest.approx(9.80665 * 0.75**0.5)
+    walking.stand_on(Ground())
+    np.testing.assert_allclose(walking.body_position, before, atol=1e-12)
+    assert walking.reference.yaw == pytest.approx(yaw, abs=1e-12)
+
+
+def test_the_ground_under_a_walk_is_a_value():
+    ground = Ground(plane=np.eye(3), bend=np.zeros((4, 2)))
+    with pytest.raises(FrozenInstanceError):
+        ground.pitch = 0.1
+    for array in (ground.plane, ground.bend):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0, 0] = 1.0

@@ -1,1 +1,1 @@
-"""The robot's numbers, names, models and the names of its ROS graph."""
+"""What the robot is: numbers, URDF, MuJoCo model, looks."""

@@ -4,7 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from husky_description.parameters import Array, frozen
+from husky_description.arrays import Array
+from husky_description.parameters import frozen
 
 
 def box_inertia(mass: float, size: Sequence[float] | Array) -> Array:

@@ -1,4 +1,6 @@
-"""What a person recognises Husky Carbon by, as primitive shapes in the links' frames.
+"""What a person recognises a robot by, as primitive shapes in the links' frames.
+
+What only Husky-beta has stands in `beta_look`.
 
 Sizes of what collides or weighs come from the robot; those of mere decoration stand here.
 The legs are drawn as what they are, parallelograms: the upper link (thigh) carries two parallel
@@ -9,18 +11,10 @@ frames that follow from the hip sagittal and knee angles, see `parallelogram`.
 import math
 from dataclasses import dataclass
 
+from husky_description import beta_look
+from husky_description.actuation import BUS_SERVOS
 from husky_description.robot import Robot
-from husky_description.shapes import (
-    ALONG_X,
-    ALONG_Z,
-    Shape,
-    ball,
-    box,
-    disc,
-    moved,
-    ring,
-    tube,
-)
+from husky_description.shapes import ALONG_X, ALONG_Z, Shape, ball, box, disc, moved, ring, tube
 
 MATERIALS: dict[str, tuple[float, float, float, float]] = {
     "carbon": (0.115, 0.118, 0.130, 1.0),
@@ -66,6 +60,8 @@ def parallelogram(robot: Robot) -> tuple[LegFrame, ...]:
 
 def base_look(robot: Robot) -> list[Shape]:
     """Torso, electronics rack, propulsion unit, perch and sensors, in base."""
+    if robot.legs_carry_propellers:
+        return [*beta_look.body_look(robot), *_perch(robot), *_sensors(robot)]
     return [
         *_torso(robot),
         *_rack(robot),
@@ -220,6 +216,8 @@ def _sensors(robot: Robot) -> list[Shape]:
 
 def hip_look(robot: Robot, leg: int) -> list[Shape]:
     """Bracket on the frontal axis; sagittal actuator inside, knee actuator outside the leg."""
+    if robot.actuation == BUS_SERVOS:
+        return beta_look.servo_hip_look(robot, leg)
     side, plane = float(robot.side[leg]), float(robot.lateral_offset[leg])
     radius, length = robot.leg.hip_radius, robot.leg.hip_length
     can = length / 2 - 0.009
@@ -238,6 +236,16 @@ def hip_look(robot: Robot, leg: int) -> list[Shape]:
         shapes.append(disc("aluminium", (0, end, 0), radius - 0.005, 0.003))
         shapes.append(disc("red", (0, end, 0), 0.020, 0.006))
     return shapes
+
+
+def propeller_rpy(robot: Robot, leg: int) -> tuple[float, float, float]:
+    """Frame of a propeller in its thigh, z along the thrust, as roll, pitch, yaw [rad]."""
+    return (-robot.side[leg] * math.pi / 2, 0.0, 0.0)
+
+
+def knee_pod_look(robot: Robot, leg: int) -> list[Shape]:
+    """Knee servo, propeller motor and propeller, in the knee pod's frame."""
+    return beta_look.pod_look(robot, leg)
 
 
 def thigh_look(robot: Robot) -> list[Shape]:

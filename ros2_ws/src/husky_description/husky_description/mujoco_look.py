@@ -10,11 +10,11 @@ rotations cancel and leave a displacement, so that the sum is exact and not an i
 from collections import defaultdict
 from collections.abc import Iterable
 
-import mujoco
 import numpy as np
 
 from husky_description import look
-from husky_description.parameters import Array
+from husky_description.arrays import Array
+from husky_description.plain_mujoco import mujoco
 from husky_description.robot import Robot
 from husky_description.shapes import Shape
 from husky_description.triangles import Patch, join, triangulate

@@ -1,25 +1,34 @@
 """The robot as a MuJoCo model specification, laid out like a MuJoCo Menagerie model.
 
-`python -m husky_description.mujoco_model > carbon.xml` writes it as MJCF.
+`python -m husky_description.mujoco_model [carbon|beta] > robot.xml` writes it as MJCF.
 """
 
+import argparse
 import math
 
-import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from husky_description.look import base_look, hip_look, unit_look
-from husky_description.mujoco_look import (
-    VISUAL_GROUP,
-    add_look,
-    add_materials,
-    add_parallelograms,
+from husky_description.arrays import Array
+from husky_description.gravity import GRAVITY
+from husky_description.inertia import box_inertia
+from husky_description.look import (
+    base_look,
+    hip_look,
+    knee_pod_look,
+    propeller_rpy,
+    unit_look,
 )
-from husky_description.parameters import Array
-from husky_description.robot import Robot, load_robot
+from husky_description.mujoco_look import VISUAL_GROUP, add_look, add_materials, add_parallelograms
+from husky_description.plain_mujoco import mujoco
+from husky_description.robot import ROBOTS, Robot, load_robot
+from husky_description.rotation import from_roll_pitch_yaw
+from husky_description.rotor_geometry import flight_posture
 
 TIMESTEP = 0.0005  # s
+
+BLADE_HEIGHT = 0.010
+"""Of the disc that a propeller's blades sweep and collide as [m]."""
 
 COLLISION_GROUP = 3
 SITE_GROUP = 4
@@ -30,12 +39,13 @@ _JOINT_AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 1.0, 0.0))
 def build_spec(robot: Robot) -> mujoco.MjSpec:
     """Make the robot alone, on a free joint in an empty world, to be extended by a scene.
 
-    Bodies: `base`, `<leg>_hip`, `<leg>_thigh`, `<leg>_shin`, and `payload` welded to the base.
+    Bodies: `base`, `<leg>_hip`, `<leg>_thigh`, `<leg>_shin`, and `payload` welded to the base;
+    with propellers at the knees also `<leg>_knee_pod`, welded to the thigh.
     Joints: `floating_base`, then the twelve of `robot.joint_names`, in that order, so that
     qpos[7:] and qvel[6:] are the joints. Actuators: one `motor` per joint, named and ordered as
-    the joints, of gear 1, so that ctrl (12,) is the joint torque [N m], clipped only where the
-    gear would ratchet. Sites: `imu`, `t265`, `perch`, `<leg>_foot` (centre of the sphere) and
-    `<leg>_fan` (z along the thrust). Keyframes: `sit` and `stand`.
+    the joints, of gear 1, so that ctrl (12,) is the joint torque [N m], clipped only beyond
+    what an actuator can give. Sites: `imu`, `t265`, `perch`, `<leg>_foot` (centre of the sphere),
+    and `<leg>_fan` or `<leg>_propeller` (z along the thrust). Keyframes: `sit` and `stand`.
 
     Geoms that are seen are in group 2 and without mass or contact, geoms that collide in group 3;
     the links of the legs are seen as skins, see `mujoco_look`.
@@ -112,11 +122,11 @@ def build_unit_spec(robot: Robot) -> mujoco.MjSpec:
 
 
 def composite_inertia(robot: Robot, body: str = "robot") -> tuple[Array, Array]:
-    """Return centre of mass and inertia of everything as it stands, as one rigid body.
+    """Return centre of mass and inertia of everything as it flies, as one rigid body.
 
     Args:
         robot: its numbers.
-        body: `unit`, or anything else for the standing robot.
+        body: `unit`, or anything else for the robot, standing or, with propellers, splayed.
 
     Returns:
         Centre of mass in base [m] (3,), and the inertia about it along the base's axes
@@ -126,6 +136,8 @@ def composite_inertia(robot: Robot, body: str = "robot") -> tuple[Array, Array]:
     model = spec.compile()
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, model.key("stand").id)
+    if robot.legs_carry_propellers:
+        data.qpos[7:] = flight_posture(robot)
     mujoco.mj_forward(model, data)
     base = model.body("base").id
     inertia = np.zeros((3, 3))
@@ -143,7 +155,7 @@ def flying_inertia(robot: Robot, body: str) -> tuple[float, float, float]:
 
     Args:
         robot: its numbers.
-        body: `unit`, or anything else for the standing robot.
+        body: see `composite_inertia`.
     """
     _, inertia = composite_inertia(robot, body)
     roll, pitch, yaw = (round(float(value), 4) for value in np.diag(inertia))
@@ -153,6 +165,7 @@ def flying_inertia(robot: Robot, body: str) -> tuple[float, float, float]:
 def _set_options(spec: mujoco.MjSpec) -> None:
     option = spec.option
     option.timestep = TIMESTEP
+    option.gravity = [0.0, 0.0, -GRAVITY]
     option.integrator = mujoco.mjtIntegrator.mjINT_EULER
     option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     option.impratio = 100.0
@@ -167,10 +180,10 @@ def _add_defaults(spec: mujoco.MjSpec, robot: Robot) -> None:
     main.geom.condim = 3
 
     carbon = spec.add_default(robot.name, main)
-    carbon.joint.armature = robot.motor.armature
+    carbon.joint.armature = float(robot.armature[0])
     carbon.actuator.gear[0] = 1.0
     carbon.actuator.ctrllimited = mujoco.mjtLimited.mjLIMITED_TRUE
-    carbon.actuator.ctrlrange = [-robot.gear.ratcheting_torque, robot.gear.ratcheting_torque]
+    carbon.actuator.ctrlrange = [-robot.joint_torque_bound, robot.joint_torque_bound]
 
     carbon.site.group = SITE_GROUP
     carbon.site.size = [0.008, 0.008, 0.008]
@@ -208,8 +221,9 @@ def _add_base(spec: mujoco.MjSpec, robot: Robot) -> mujoco.MjsBody:
     base.add_site(carbon, name="t265", pos=robot.t265.position, quat=_quaternion(robot.t265.rpy))
     bottom = robot.perch.position - [0, 0, robot.perch.size[2] / 2]
     base.add_site(carbon, name="perch", pos=bottom)
-    for leg, position in zip(robot.legs, robot.fan_position, strict=True):
-        base.add_site(carbon, name=f"{leg}_fan", pos=position)
+    if not robot.legs_carry_propellers:
+        for leg, position in zip(robot.legs, robot.fan_position, strict=True):
+            base.add_site(carbon, name=f"{leg}_fan", pos=position)
     add_look(spec, base, "base", base_look(robot))
     return base
 
@@ -253,6 +267,33 @@ def _add_leg(spec: mujoco.MjSpec, base: mujoco.MjsBody, robot: Robot, leg: int) 
     shin.add_site(spec.find_default(robot.name), name=f"{name}_foot", pos=foot)
     hand = "left" if robot.side[leg] > 0 else "right"
     add_look(spec, hip, f"hip_{hand}", hip_look(robot, leg))
+    if robot.legs_carry_propellers:
+        _add_knee_pod(spec, thigh, robot, leg)
+
+
+def _add_knee_pod(spec: mujoco.MjSpec, thigh: mujoco.MjsBody, robot: Robot, leg: int) -> None:
+    """Knee servo, propeller motor and propeller, fixed to the thigh at the knee."""
+    name, pod, propellers = robot.legs[leg], robot.knee_pod, robot.propellers
+    place = robot.knee_pod_in_thigh[leg]
+    body = thigh.add_body(name=f"{name}_knee_pod", pos=place)
+    _set_inertia(body, pod.mass, np.zeros(3), box_inertia(pod.mass, pod.size))
+    box = mujoco.mjtGeom.mjGEOM_BOX
+    _add_collision(spec, body, f"{name}_knee_pod", box, size=pod.size / 2, pos=np.zeros(3))
+    outward = _quaternion(propeller_rpy(robot, leg))
+    disc = robot.propeller_in_thigh[leg] - place
+    _add_collision(
+        spec,
+        body,
+        f"{name}_propeller",
+        mujoco.mjtGeom.mjGEOM_CYLINDER,
+        size=[propellers.diameter / 2, BLADE_HEIGHT / 2, 0],
+        pos=disc,
+        quat=outward,
+    )
+    site = spec.find_default(robot.name)
+    body.add_site(site, name=f"{name}_propeller", pos=disc, quat=outward)
+    hand = "left" if robot.side[leg] > 0 else "right"
+    add_look(spec, body, f"knee_pod_{hand}", knee_pod_look(robot, leg))
 
 
 def _add_motor(spec: mujoco.MjSpec, robot: Robot, joint: int) -> None:
@@ -307,18 +348,10 @@ def _set_inertia(
 
 def _quaternion(rpy: ArrayLike) -> Array:
     """MuJoCo's (w, x, y, z) of fixed-axis roll, pitch, yaw [rad] (3,), as in URDF."""
-    roll, pitch, yaw = np.asarray(rpy, dtype=float) / 2
-    c_roll, c_pitch, c_yaw = math.cos(roll), math.cos(pitch), math.cos(yaw)
-    s_roll, s_pitch, s_yaw = math.sin(roll), math.sin(pitch), math.sin(yaw)
-    return np.array(
-        [
-            c_roll * c_pitch * c_yaw + s_roll * s_pitch * s_yaw,
-            s_roll * c_pitch * c_yaw - c_roll * s_pitch * s_yaw,
-            c_roll * s_pitch * c_yaw + s_roll * c_pitch * s_yaw,
-            c_roll * c_pitch * s_yaw - s_roll * s_pitch * c_yaw,
-        ]
-    )
+    return np.roll(from_roll_pitch_yaw(*np.asarray(rpy, dtype=float).tolist()), 1)
 
 
 if __name__ == "__main__":
-    print(build_spec(load_robot()).to_xml(), end="")
+    parser = argparse.ArgumentParser(description="Write the robot as MJCF to standard output.")
+    parser.add_argument("robot", nargs="?", default=ROBOTS[0], choices=ROBOTS)
+    print(build_spec(load_robot(parser.parse_args().robot)).to_xml(), end="")

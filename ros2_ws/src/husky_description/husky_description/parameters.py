@@ -5,9 +5,9 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple, TypeVar, get_type_hints
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from husky_description.arrays import Array
+
 Section = TypeVar("Section")
 
 

@@ -1,8 +1,9 @@
-"""Husky Carbon as numbers: names, order, geometry, masses, limits, postures and devices.
+"""A robot as numbers: names, order, geometry, masses, limits, postures and devices.
 
-Everything comes from `config/carbon.yaml`. Legs, joints and feet keep one order everywhere:
-leg 0..3 is front left, front right, hind left, hind right; joint index = 3 * leg + joint with
-joint 0 hip frontal (about +x), 1 hip sagittal (+y), 2 knee (+y). Axes are REP-103.
+Everything comes from a file of `config`, Husky Carbon's or Husky-beta's. Legs, joints and feet
+keep one order everywhere: leg 0..3 is front left, front right, hind left, hind right; joint index =
+3 * leg + joint with joint 0 hip frontal (about +x), 1 hip sagittal (+y), 2 knee (+y). Axes are
+REP-103.
 """
 
 from __future__ import annotations
@@ -11,65 +12,71 @@ import copy
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 import numpy as np
 import yaml
 
 from husky_description import sections
+from husky_description.actuation import OWN_SECTIONS, DriveSections, ServoSections
+from husky_description.arrays import Array
 from husky_description.inertia import box_inertia, cylinder_inertia, tube_inertia
-from husky_description.parameters import (
-    Array,
-    check_keys,
-    frozen,
-    number,
-    read_section,
-    read_value,
-)
+from husky_description.parameters import check_keys, frozen, number, read_section, read_value
+from husky_description.robot_checks import check_together
 from husky_description.share import share_path
 
-LEGS = ("front_left", "front_right", "hind_left", "hind_right")
+ROBOTS = ("carbon", "beta")
+"""Robots that have a file of their name in `config`; the first is the default."""
+
+LEG_NAMES = ("front_left", "front_right", "hind_left", "hind_right")
 LEG_JOINTS = ("hip_frontal", "hip_sagittal", "knee")
-JOINT_NAMES = tuple(f"{leg}_{joint}" for leg in LEGS for joint in LEG_JOINTS)
+JOINT_NAMES = tuple(f"{leg}_{joint}" for leg in LEG_NAMES for joint in LEG_JOINTS)
 
 _FORE = np.array([1.0, 1.0, -1.0, -1.0])
 _SIDE = np.array([1.0, -1.0, 1.0, -1.0])
 
-_SECTIONS: dict[str, type[Any]] = {
-    "body": sections.Body,
-    "payload": sections.Box,
-    "leg": sections.Leg,
-    "joints": sections.Joints,
-    "contact": sections.Contact,
-    "posture": sections.Posture,
-    "servo": sections.Servo,
-    "motor": sections.Motor,
-    "gear": sections.Gear,
-    "encoder": sections.Encoder,
-    "drive": sections.Drive,
-    "imu": sections.Imu,
-    "t265": sections.T265,
-    "fans": sections.Fans,
-    "gimbal": sections.Gimbal,
-    "esc": sections.Esc,
-    "battery": sections.Battery,
-    "perch": sections.Box,
-    "torso": sections.Box,
-    "rack": sections.Box,
-}
+
+@dataclass(frozen=True, eq=False)
+class RobotSections:
+    """The sections that every parameter file has, as they were read; more in `actuation`."""
+
+    body: sections.BodySection
+    payload: sections.BoxSection
+    leg: sections.LegSection
+    joints: sections.JointsSection
+    contact: sections.ContactSection
+    posture: sections.PostureSection
+    size: sections.SizeSection
+    servo: sections.ServoSection
+    imu: sections.ImuSection
+    t265: sections.T265Section
+    esc: sections.EscSection
+    battery: sections.BatterySection
+    perch: sections.BoxSection
+    torso: sections.BoxSection
+    rack: sections.BoxSection
+
+
+def sections_of(actuation: str) -> dict[str, type[Any]]:
+    """Return the sections of a parameter file by its kind of actuation."""
+    return {**get_type_hints(RobotSections), **OWN_SECTIONS[actuation]}
 
 
 @dataclass(frozen=True, eq=False)
-class Robot:
+class Robot(RobotSections, DriveSections, ServoSections):
     """The robot's numbers, SI and radians; arrays are read-only.
 
     Attributes:
         name: Name of the robot.
+        actuation: Its kind of actuation, a key of `OWN_SECTIONS`.
+        own_sections: The sections that go with it, by key; also attributes of the robot.
         legs: Leg names (4), in order.
         leg_joints: Joint names of one leg without the leg's name (3).
         joint_names: Joint names (12), in order.
+        gains: Of the controller, by name, where they differ from its table's.
+        gain_ranges: Lower and upper end of those whose range differs, too.
         parameters: The parameter file after overrides, as YAML text, to hand to xacro.
 
         hip_position: Hips (on the hip frontal axes) in base [m] (4, 3).
@@ -82,22 +89,27 @@ class Robot:
         joint_lower, joint_upper: Joint range [rad] (12,).
         joint_torque_limit: Torque limit of the servo at the joint [N m] (12,).
         joint_velocity_limit: [rad/s] (12,).
+        joint_torque_bound: Beyond anything an actuator gives before it breaks [N m].
         armature: Rotor inertia seen at each joint [kg m^2] (12,).
 
         mass: Total, with payload [kg].
         base_mass, payload_mass, hip_mass, thigh_mass, shin_mass: [kg], the last three per leg.
+        knee_mass: What is fixed to the thigh at the knee, per leg, 0 without [kg].
         base_inertia, payload_inertia, hip_inertia, thigh_inertia, shin_inertia: Principal
             inertia about the link's centre of mass along its axes [kg m^2] (3,).
 
         stand_joint_position, sit_joint_position: Named postures [rad] (12,).
         stand_height, sit_height: Base above the foot *centres* in these postures [m].
-        fan_position: Fans in base [m] (4, 3), ordered as the legs.
     """
 
     name: str
+    actuation: str
+    own_sections: Mapping[str, Any]
     legs: tuple[str, ...]
     leg_joints: tuple[str, ...]
     joint_names: tuple[str, ...]
+    gains: Mapping[str, float]
+    gain_ranges: Mapping[str, tuple[float, float]]
     parameters: str
 
     hip_position: Array
@@ -112,6 +124,7 @@ class Robot:
     joint_upper: Array
     joint_torque_limit: Array
     joint_velocity_limit: Array
+    joint_torque_bound: float
     armature: Array
 
     mass: float
@@ -120,6 +133,7 @@ class Robot:
     hip_mass: float
     thigh_mass: float
     shin_mass: float
+    knee_mass: float
     base_inertia: Array
     payload_inertia: Array
     hip_inertia: Array
@@ -130,28 +144,29 @@ class Robot:
     sit_joint_position: Array
     stand_height: float
     sit_height: float
-    fan_position: Array
 
-    body: sections.Body
-    payload: sections.Box
-    leg: sections.Leg
-    joints: sections.Joints
-    contact: sections.Contact
-    posture: sections.Posture
-    servo: sections.Servo
-    motor: sections.Motor
-    gear: sections.Gear
-    encoder: sections.Encoder
-    drive: sections.Drive
-    imu: sections.Imu
-    t265: sections.T265
-    fans: sections.Fans
-    gimbal: sections.Gimbal
-    esc: sections.Esc
-    battery: sections.Battery
-    perch: sections.Box
-    torso: sections.Box
-    rack: sections.Box
+    @property
+    def legs_carry_propellers(self) -> bool:
+        """Whether a propeller is at each knee; if not, fans are on the body."""
+        return "propellers" in self.own_sections
+
+    @cached_property
+    def fan_position(self) -> Array:
+        """Fans in base [m] (4, 3), ordered as the legs."""
+        fans = self.fans
+        return frozen(np.column_stack((_FORE * fans.x, _SIDE * fans.y, np.full(4, fans.z))))
+
+    @cached_property
+    def propeller_in_thigh(self) -> Array:
+        """Propellers in the thighs' frames [m] (4, 3); they push outward, along their y."""
+        offset = _SIDE * self.propellers.offset
+        return frozen(np.column_stack((np.zeros(4), offset, np.full(4, -self.leg.thigh_link))))
+
+    @cached_property
+    def knee_pod_in_thigh(self) -> Array:
+        """Centres of the knee pods in the thighs' frames [m] (4, 3)."""
+        offset = _SIDE * self.knee_pod.offset
+        return frozen(np.column_stack((np.zeros(4), offset, np.full(4, -self.leg.thigh_link))))
 
     @property
     def gear_rated_torque(self) -> float:
@@ -175,10 +190,11 @@ class Robot:
 
 
 def load_robot(path: Path | str | None = None, **overrides: float | str) -> Robot:
-    """Read a robot from a parameter file; Husky Carbon by default (made once).
+    """Read a robot from a parameter file; Husky Carbon by default.
 
     Args:
-        path: A file with the keys of carbon.yaml, or None for carbon.yaml.
+        path: A file with the keys of carbon.yaml or beta.yaml, one of `ROBOTS` for its file (made
+            once), or None for the first of them.
         overrides: Values that replace the file's: `payload_mass` [kg] (changes the total mass),
             or a dotted key with `__` for the dot, `servo__kp=150.0`.
 
@@ -186,20 +202,18 @@ def load_robot(path: Path | str | None = None, **overrides: float | str) -> Robo
         ValueError: A key is unknown or missing or a value is not allowed; names the dotted key,
             the value and the allowed range.
     """
-    if path is None and not overrides:
-        return _default_robot()
-    tree = copy.deepcopy(_read(Path(path) if path is not None else share_path(DEFAULT_FILE)))
+    name = ROBOTS[0] if path is None else path
+    if name in ROBOTS and not overrides:
+        return _robot_of_name(str(name))
+    tree = copy.deepcopy(_read(share_path(f"config/{name}.yaml") if name in ROBOTS else Path(name)))
     for key, value in overrides.items():
         _override(tree, key, value)
     return make_robot(tree)
 
 
-DEFAULT_FILE = "config/carbon.yaml"
-
-
-@lru_cache(maxsize=1)
-def _default_robot() -> Robot:
-    return make_robot(_read(share_path(DEFAULT_FILE)))
+@lru_cache
+def _robot_of_name(name: str) -> Robot:
+    return make_robot(_read(share_path(f"config/{name}.yaml")))
 
 
 def _read(path: Path) -> dict[str, Any]:
@@ -225,30 +239,28 @@ def _override(tree: dict[str, Any], key: str, value: Any) -> None:
 
 
 def _mass_without_payload(tree: Mapping[str, Any]) -> float:
-    body = read_section(sections.Body, tree.get("body"), "body")
-    leg = read_section(sections.Leg, tree.get("leg"), "leg")
-    return body.mass + 4.0 * (leg.hip_mass + leg.thigh_mass + leg.shin_mass)
+    body = read_section(sections.BodySection, tree.get("body"), "body")
+    leg = read_section(sections.LegSection, tree.get("leg"), "leg")
+    pod = OWN_SECTIONS.get(tree.get("actuation", ""), {}).get("knee_pod")
+    knee = 0.0 if pod is None else read_section(pod, tree.get("knee_pod"), "knee_pod").mass
+    return body.mass + 4.0 * (leg.hip_mass + leg.thigh_mass + leg.shin_mass + knee)
 
 
 def make_robot(tree: Mapping[str, Any]) -> Robot:
     """Make a robot from the tree of a parameter file; raises ValueError as `load_robot`."""
-    check_keys(tree, {"name", "total_mass", *_SECTIONS}, "")
-    if not isinstance(tree["name"], str):
-        raise ValueError(f"name: {tree['name']!r} is not a string")
-    read = {key: read_section(kind, tree[key], key) for key, kind in _SECTIONS.items()}
-    leg: sections.Leg = read["leg"]
-    joints: sections.Joints = read["joints"]
-    _check_together(read)
+    actuation, read = _read_sections(tree)
+    leg: sections.LegSection = read["leg"]
+    joints: sections.JointsSection = read["joints"]
+    check_together(read)
 
     bare_mass = _mass_without_payload(tree)
     mass = read_value(tree["total_mass"], number(bare_mass, 100.0), "total_mass")
     thigh_length = leg.thigh_link + leg.ankle_link
     stand_height = read["posture"].stand_height
-    perch: sections.Box = read["perch"]
+    perch: sections.BoxSection = read["perch"]
     sit_height = (
         perch.size[2] / 2 - perch.position[2] + read["posture"].perch_clearance - leg.foot_radius
     )
-    fans: sections.Fans = read["fans"]
     lower, upper = _joint_range(joints)
     stand = _posture(stand_height, thigh_length, leg.calf_link, "posture.stand_height")
     sit = _posture(sit_height, thigh_length, leg.calf_link, "perch.position[2]")
@@ -256,11 +268,17 @@ def make_robot(tree: Mapping[str, Any]) -> Robot:
         if np.any(posture < lower) or np.any(posture > upper):
             raise ValueError(f"{key}: its posture {posture[:3]} is outside the joints' range")
 
+    own = {key: read.pop(key) for key in OWN_SECTIONS[actuation]}
+    gains = _gains(tree["gains"])
     return Robot(
         name=tree["name"],
-        legs=LEGS,
+        actuation=actuation,
+        own_sections=own,
+        legs=LEG_NAMES,
         leg_joints=LEG_JOINTS,
         joint_names=JOINT_NAMES,
+        gains={name: gain[0] for name, gain in gains.items()},
+        gain_ranges={name: (gain[1], gain[2]) for name, gain in gains.items() if gain[1:]},
         parameters=yaml.safe_dump(dict(tree), sort_keys=False),
         hip_position=frozen(np.column_stack((_FORE * leg.hip_x, _SIDE * leg.hip_y, np.zeros(4)))),
         side=frozen(_SIDE),
@@ -268,37 +286,82 @@ def make_robot(tree: Mapping[str, Any]) -> Robot:
         thigh_length=thigh_length,
         shin_length=leg.calf_link,
         foot_radius=leg.foot_radius,
-        foot_names=tuple(f"{name}_foot" for name in LEGS),
+        foot_names=tuple(f"{name}_foot" for name in LEG_NAMES),
         joint_lower=lower,
         joint_upper=upper,
         joint_torque_limit=frozen(np.full(12, read["servo"].torque_limit)),
         joint_velocity_limit=frozen(np.full(12, joints.velocity_limit)),
-        armature=frozen(np.full(12, read["motor"].armature)),
+        **_actuators(own),
         mass=mass,
         base_mass=read["body"].mass,
         payload_mass=mass - bare_mass,
-        hip_mass=leg.hip_mass,
-        thigh_mass=leg.thigh_mass,
-        shin_mass=leg.shin_mass,
         base_inertia=read["body"].inertia,
         payload_inertia=box_inertia(mass - bare_mass, read["payload"].size),
-        hip_inertia=cylinder_inertia(leg.hip_mass, leg.hip_radius, leg.hip_length, axis=1),
-        thigh_inertia=tube_inertia(
-            leg.thigh_mass, leg.tube_inner_radius, leg.tube_outer_radius, thigh_length, axis=2
-        ),
-        shin_inertia=tube_inertia(
-            leg.shin_mass, leg.tube_inner_radius, leg.tube_outer_radius, leg.calf_link, axis=2
-        ),
+        **_leg_bodies(leg),
         stand_joint_position=stand,
         sit_joint_position=sit,
         stand_height=stand_height,
         sit_height=float(sit_height),
-        fan_position=frozen(np.column_stack((_FORE * fans.x, _SIDE * fans.y, np.full(4, fans.z)))),
         **read,
     )
 
 
-def _joint_range(joints: sections.Joints) -> tuple[Array, Array]:
+def _read_sections(tree: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
+    """Return the kind of actuation and all sections that go with it."""
+    actuation = tree.get("actuation", "(missing)")
+    if actuation not in OWN_SECTIONS:
+        raise ValueError(f"actuation: {actuation!r} is not one of {', '.join(OWN_SECTIONS)}")
+    kinds = sections_of(actuation)
+    check_keys(tree, {"name", "actuation", "total_mass", "gains", *kinds}, "")
+    if not isinstance(tree["name"], str):
+        raise ValueError(f"name: {tree['name']!r} is not a string")
+    return actuation, {key: read_section(kind, tree[key], key) for key, kind in kinds.items()}
+
+
+def _gains(values: Any) -> dict[str, tuple[float, ...]]:
+    """Read numbers, or numbers with lower and upper end of their ranges, by name."""
+    if not isinstance(values, dict):
+        raise ValueError(f"gains: {values!r} is not a mapping of names to numbers")
+    gains: dict[str, tuple[float, ...]] = {}
+    for name, value in values.items():
+        key, parts = f"gains.{name}", value if isinstance(value, list) else [value]
+        gain = tuple(float(read_value(part, number(-1e6, 1e6), key)) for part in parts)
+        if len(gain) not in (1, 3) or (len(gain) == 3 and not gain[1] <= gain[0] <= gain[2]):
+            raise ValueError(f"{key}: {value!r} is neither a number nor [number, lower, upper]")
+        gains[str(name)] = gain
+    return gains
+
+
+def _actuators(own: Mapping[str, Any]) -> dict[str, Any]:
+    """What the joints' actuators tell of themselves, of either kind."""
+    if "bus_servo" in own:
+        servo = own["bus_servo"]
+        # A servo driven against its voltage at its no-load speed gives twice its stall torque.
+        bound, armature, knee = 2.0 * servo.stall_torque, servo.armature, own["knee_pod"].mass
+    else:
+        bound, armature, knee = own["gear"].ratcheting_torque, own["motor"].armature, 0.0
+    return {
+        "joint_torque_bound": bound,
+        "armature": frozen(np.full(12, armature)),
+        "knee_mass": knee,
+    }
+
+
+def _leg_bodies(leg: sections.LegSection) -> dict[str, Any]:
+    """Masses [kg] and inertias [kg m^2] of a leg's links."""
+    inner, outer = leg.tube_inner_radius, leg.tube_outer_radius
+    thigh_length = leg.thigh_link + leg.ankle_link
+    return {
+        "hip_mass": leg.hip_mass,
+        "thigh_mass": leg.thigh_mass,
+        "shin_mass": leg.shin_mass,
+        "hip_inertia": cylinder_inertia(leg.hip_mass, leg.hip_radius, leg.hip_length, axis=1),
+        "thigh_inertia": tube_inertia(leg.thigh_mass, inner, outer, thigh_length, axis=2),
+        "shin_inertia": tube_inertia(leg.shin_mass, inner, outer, leg.calf_link, axis=2),
+    }
+
+
+def _joint_range(joints: sections.JointsSection) -> tuple[Array, Array]:
     """Lower and upper joint limits [rad] (12,); outward is positive left, negative right."""
     lower, upper = [], []
     for side in _SIDE:
@@ -318,39 +381,3 @@ def _posture(height: float, thigh: float, shin: float, key: str) -> Array:
     sagittal = math.acos((thigh**2 + height**2 - shin**2) / (2 * thigh * height))
     knee = -math.acos((height**2 - thigh**2 - shin**2) / (2 * thigh * shin))
     return frozen(np.tile([0.0, sagittal, knee], 4))
-
-
-def _check_together(read: Mapping[str, Any]) -> None:
-    """Checks that involve more than one number."""
-    pairs = (
-        ("leg", "tube_inner_radius", "tube_outer_radius"),
-        ("fans", "inner_radius", "outer_radius"),
-        ("gear", "rated_torque", "repeated_peak_torque"),
-        ("gear", "repeated_peak_torque", "momentary_peak_torque"),
-        ("gear", "momentary_peak_torque", "ratcheting_torque"),
-        ("drive", "continuous_current", "peak_current"),
-        ("esc", "pulse_low", "pulse_start"),
-    )
-    for section, small, large in pairs:
-        low, high = getattr(read[section], small), getattr(read[section], large)
-        if low > high:
-            raise ValueError(f"{section}.{small}: {low:g} is above {section}.{large}, {high:g}")
-    for key in ("hip_sagittal", "knee"):
-        low, high = getattr(read["joints"], key)
-        if low >= high:
-            raise ValueError(f"joints.{key}: lower limit {low:g} is not below upper limit {high:g}")
-    inertia = read["body"].inertia
-    if 2 * inertia.max() > inertia.sum():
-        raise ValueError(f"body.inertia: {inertia.tolist()}: one exceeds the sum of the other two")
-    fans: sections.Fans = read["fans"]
-    if fans.spin.tolist() not in ([1.0, -1.0, -1.0, 1.0], [-1.0, 1.0, 1.0, -1.0]):
-        raise ValueError(
-            f"fans.spin: {fans.spin.tolist()}: each is 1 or -1, neighbours of opposite sense"
-        )
-    if not fans.no_load_current < fans.full_current < fans.voltage / fans.resistance:
-        raise ValueError(
-            f"fans.efficiency: {fans.efficiency:g} asks for {fans.full_current:.1f} A, outside "
-            "fans.no_load_current to fans.voltage / fans.resistance"
-        )
-    if np.any(np.diff(read["battery"].cell_voltage) <= 0.0):
-        raise ValueError("battery.cell_voltage: does not rise with the charge")

@@ -1,17 +1,18 @@
-"""Sections of carbon.yaml as frozen dataclasses, each number with its allowed range.
+"""Sections of a robot's file as frozen dataclasses, each number with its allowed range.
 
-SI units and radians; sources of the values stand in carbon.yaml.
+SI units and radians; sources of the values stand in carbon.yaml and beta.yaml.
 """
 
 import math
 from dataclasses import dataclass
 from typing import Annotated
 
-from husky_description.parameters import Array, choice, count, number, vector
+from husky_description.arrays import Array
+from husky_description.parameters import choice, count, number, vector
 
 
 @dataclass(frozen=True, eq=False)
-class Body:
+class BodySection:
     """Torso: mass [kg], principal inertia [kg m^2] (3,), centre of mass in base [m] (3,)."""
 
     mass: Annotated[float, number(0.1, 50.0)]
@@ -20,7 +21,7 @@ class Body:
 
 
 @dataclass(frozen=True, eq=False)
-class Box:
+class BoxSection:
     """Box in base: position of its centre [m] (3,), edge lengths along x, y, z [m] (3,)."""
 
     position: Annotated[Array, vector(3, -0.5, 0.5)]
@@ -28,7 +29,7 @@ class Box:
 
 
 @dataclass(frozen=True, eq=False)
-class Leg:
+class LegSection:
     """One leg, all four alike: lengths and radii [m], masses [kg]."""
 
     hip_x: Annotated[float, number(0.05, 1.0)]
@@ -49,7 +50,7 @@ class Leg:
 
 
 @dataclass(frozen=True, eq=False)
-class Joints:
+class JointsSection:
     """Ranges [rad] of one leg's joints and the velocity limit of all [rad/s]."""
 
     hip_frontal_outward: Annotated[float, number(0.0, 3.14159)]
@@ -60,7 +61,7 @@ class Joints:
 
 
 @dataclass(frozen=True, eq=False)
-class Contact:
+class ContactSection:
     """Contact of the robot with anything: friction coefficients [-, m, m], MuJoCo's solref."""
 
     friction: Annotated[float, number(0.0, 3.0)]
@@ -71,7 +72,7 @@ class Contact:
 
 
 @dataclass(frozen=True, eq=False)
-class Posture:
+class PostureSection:
     """Named postures: base above the foot centres when standing, perch above ground sitting [m]."""
 
     stand_height: Annotated[float, number(0.05, 2.0)]
@@ -79,7 +80,15 @@ class Posture:
 
 
 @dataclass(frozen=True, eq=False)
-class Servo:
+class SizeSection:
+    """Length of the legs and mass over those of the robot that the gains were found on [-]."""
+
+    length: Annotated[float, number(0.1, 10.0)]
+    mass: Annotated[float, number(0.01, 100.0)]
+
+
+@dataclass(frozen=True, eq=False)
+class ServoSection:
     """Position law of a drive, joint side: kp [N m/rad], kd [N m s/rad], torque_limit [N m]."""
 
     kp: Annotated[float, number(0.0, 5000.0)]
@@ -88,7 +97,7 @@ class Servo:
 
 
 @dataclass(frozen=True, eq=False)
-class Motor:
+class MotorSection:
     """Motor: [rad/s/V], [N m/A of phase amplitude], [ohm], [H], [-], [kg m^2 at the joint]."""
 
     speed_constant: Annotated[float, number(1.0, 1000.0)]
@@ -100,7 +109,7 @@ class Motor:
 
 
 @dataclass(frozen=True, eq=False)
-class Gear:
+class GearSection:
     """Gear: ratio [-], efficiency [-], torque ratings at the joint [N m], input speed [rad/s]."""
 
     ratio: Annotated[float, number(1.0, 200.0)]
@@ -113,7 +122,7 @@ class Gear:
 
 
 @dataclass(frozen=True, eq=False)
-class Encoder:
+class EncoderSection:
     """Magnetic encoder on the motor shaft: bits [-], accuracy [rad at the motor]."""
 
     bits: Annotated[int, count(4, 24)]
@@ -126,7 +135,7 @@ class Encoder:
 
 
 @dataclass(frozen=True, eq=False)
-class Drive:
+class DriveSection:
     """Drive: [V], currents [A], times [s], following error [rad at the joint]."""
 
     bus_voltage: Annotated[float, number(1.0, 100.0)]
@@ -140,7 +149,7 @@ class Drive:
 
 
 @dataclass(frozen=True, eq=False)
-class Imu:
+class ImuSection:
     """IMU: pose in base [m, rad], rate [Hz], noise densities, biases and ranges (SI)."""
 
     position: Annotated[Array, vector(3, -0.5, 0.5)]
@@ -156,7 +165,7 @@ class Imu:
 
 
 @dataclass(frozen=True, eq=False)
-class T265:
+class T265Section:
     """Tracking camera: pose in base [m, rad], size of its case [m], rate [Hz], errors (SI)."""
 
     position: Annotated[Array, vector(3, -0.5, 0.5)]
@@ -179,7 +188,7 @@ MOUNTINGS = ("fixed", "vectoring")
 
 
 @dataclass(frozen=True, eq=False)
-class Gimbal:
+class GimbalSection:
     """Axis of the vectored thrust: limits both ways [rad], rate [rad/s], lag [s].
 
     It turns by the pitch about base y, then by the roll about the x axis so turned.
@@ -192,7 +201,7 @@ class Gimbal:
 
 
 @dataclass(frozen=True, eq=False)
-class Fans:
+class FansSection:
     """Four ducted fans at (+-x, +-y, z) in base, thrust along base z; lengths [m].
 
     `mounting`, one of `MOUNTINGS`, says whether that is so: "vectoring" is the thesis's force at
@@ -231,7 +240,7 @@ class Fans:
 
 
 @dataclass(frozen=True, eq=False)
-class Esc:
+class EscSection:
     """Speed controller of a fan: pulses [us], times [s], current [A], cut-off [V], [1/(V s)].
 
     `telemetry` is 1 when it tells its speed and current.
@@ -250,7 +259,7 @@ class Esc:
 
 
 @dataclass(frozen=True, eq=False)
-class Battery:
+class BatterySection:
     """Pack: cells in series, capacity [A s], open-circuit voltage of a cell over charge [V].
 
     That voltage stands at 0, 10, .. 100 % of charge. Resistance of a cell and of the wiring [ohm];

@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from husky_description.parameters import Array
+from husky_description.arrays import Array
+from husky_description.rotation import from_roll_pitch_yaw, rotate
 
 Vector = Sequence[float] | Array
 
@@ -92,14 +93,9 @@ def without_rings(shapes: Iterable[Shape], sectors: int = 16) -> list[Shape]:
 
 def rotation_of(rpy: Vector) -> Array:
     """Rotation matrix (3, 3) of fixed-axis roll, pitch, yaw [rad] (3,)."""
-    (cr, cp, cy), (sr, sp, sy) = np.cos(rpy), np.sin(rpy)
-    return np.array(
-        [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr],
-        ]
-    )
+    roll, pitch, yaw = _floats(rpy)
+    turn = from_roll_pitch_yaw(roll, pitch, yaw)
+    return np.column_stack([rotate(turn, axis) for axis in ((1, 0, 0), (0, 1, 0), (0, 0, 1))])
 
 
 def _floats(values: Vector) -> tuple[float, ...]:

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from husky_description.parameters import Array
+from husky_description.arrays import Array
 from husky_description.shapes import Shape, rotation_of
 
 Faces = NDArray[np.int32]

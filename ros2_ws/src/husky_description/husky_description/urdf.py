@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 import xacro
 
 from husky_description import look
-from husky_description.robot import Robot, load_robot
+from husky_description.robot import ROBOTS, Robot, load_robot
 from husky_description.shapes import Shape, without_rings
 from husky_description.share import share_path
 
@@ -17,10 +17,11 @@ from husky_description.share import share_path
 def build_urdf(robot: Robot, parallelogram: bool = False) -> str:
     """Make the URDF of the robot, fit for /robot_description.
 
-    The root link is `base`; the torso's inertia is on the link `torso`, fixed to it. Then come
-    `<leg>_hip`, `<leg>_thigh`, `<leg>_shin`, `<leg>_foot`, and the frames `imu_link`,
-    `t265_link`, `perch` and `<leg>_fan`. What weighs and collides comes from
-    urdf/carbon.urdf.xacro, what is seen from `husky_description.look`.
+    The root link is `base_link` (REP-105); the torso's inertia is on the link `torso`, fixed to
+    it. Then come `<leg>_hip`, `<leg>_thigh`, `<leg>_shin`, `<leg>_foot`, and the frames
+    `imu_link`, `t265_link`, `perch` and `<leg>_fan`, or `<leg>_knee_pod` and `<leg>_propeller`.
+    What weighs and collides comes from urdf/carbon.urdf.xacro, what is seen from
+    `husky_description.look`.
 
     Args:
         robot: The robot.
@@ -37,6 +38,7 @@ def build_urdf(robot: Robot, parallelogram: bool = False) -> str:
             mappings={"config": str(config), "parallelogram": str(parallelogram).lower()},
         )
     root = ElementTree.fromstring(document.documentElement.toxml())
+    root.set("name", robot.name)
     for name, rgba in reversed(look.MATERIALS.items()):
         material = ElementTree.Element("material", name=name)
         ElementTree.SubElement(material, "color", rgba=_text(rgba))
@@ -53,6 +55,8 @@ def _look_of_links(robot: Robot, parallelogram: bool) -> dict[str, list[Shape]]:
     shapes = {"torso": look.base_look(robot)}
     for index, leg in enumerate(robot.legs):
         shapes[f"{leg}_hip"] = look.hip_look(robot, index)
+        if robot.legs_carry_propellers:
+            shapes[f"{leg}_knee_pod"] = look.knee_pod_look(robot, index)
         if parallelogram:
             shapes[f"{leg}_thigh"] = look.thigh_look(robot)
             shapes[f"{leg}_calf"] = look.calf_look(robot)
@@ -88,7 +92,7 @@ def _text(values: Iterable[float]) -> str:
 def main() -> None:
     """Write the URDF to standard output."""
     parser = argparse.ArgumentParser(description=main.__doc__)
-    parser.add_argument("--config", type=Path, help="parameter file instead of carbon.yaml")
+    parser.add_argument("--config", help=f"parameter file, or one of {', '.join(ROBOTS)}")
     parser.add_argument("--payload-mass", type=float, help="payload [kg]")
     parser.add_argument("--parallelogram", action="store_true", help="draw the parallelograms")
     arguments = parser.parse_args()

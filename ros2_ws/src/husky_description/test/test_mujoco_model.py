@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from husky_description.mujoco_model import COLLISION_GROUP, build_spec
+from husky_description.gravity import GRAVITY
+from husky_description.mujoco_model import COLLISION_GROUP, build_spec, build_unit_spec
 from husky_description.robot import Robot, load_robot
 
 ROBOT = load_robot()
@@ -33,6 +34,14 @@ def contacts(model, data):
 
 def rotation(axis, angle):
     return Rotation.from_rotvec(angle * np.array(axis, dtype=float)).as_matrix()
+
+
+def test_it_falls_as_everybody_believes():
+    for spec in (build_spec(ROBOT), build_unit_spec(ROBOT)):
+        model = spec.compile()
+        data = mujoco.MjData(model)
+        mujoco.mj_forward(model, data)
+        np.testing.assert_allclose(data.qacc[:3], [0.0, 0.0, -GRAVITY], atol=1e-9)
 
 
 def test_joints_and_actuators_are_in_the_robot_s_order():
@@ -125,7 +134,7 @@ def test_stands_on_the_servos():
     jacobian = np.zeros((3, model.nv))
     for leg in ROBOT.legs:
         mujoco.mj_jacSite(model, data, jacobian, None, model.site(f"{leg}_foot").id)
-        torque -= jacobian.T @ [0, 0, ROBOT.mass * 9.81 / 4]
+        torque -= jacobian.T @ [0, 0, ROBOT.mass * GRAVITY / 4]
     torque += data.qfrc_bias
     hold(model, data, 3.0, torque[6:])
     np.testing.assert_allclose(data.qpos[:3], start, atol=1e-3)
@@ -143,7 +152,7 @@ def test_droop_of_the_servos_is_the_weight_over_their_stiffness():
     height = data.qpos[2]
     hold(model, data, 3.0, 0.0)
     lever = ROBOT.shin_length * np.sin(ROBOT.stand_joint_position[1])
-    torque = (ROBOT.mass - 4 * ROBOT.shin_mass) * 9.81 / 4 * lever
+    torque = (ROBOT.mass - 4 * ROBOT.shin_mass) * GRAVITY / 4 * lever
     droop = torque / ROBOT.servo.kp * lever
     # The feet sink 0.3 mm into the ground, and the hips turn too.
     assert height - data.qpos[2] == pytest.approx(droop, abs=6e-4)

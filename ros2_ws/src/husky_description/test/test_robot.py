@@ -10,12 +10,11 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from husky_description import robot as robot_module
 from husky_description.parameters import Bounds, bounds_of
-from husky_description.robot import load_robot, make_robot
+from husky_description.robot import load_robot, make_robot, sections_of
 from husky_description.share import share_path
 
-SECTIONS = robot_module._SECTIONS
+SECTIONS = sections_of("drives")
 TREE = yaml.safe_load(share_path("config/carbon.yaml").read_text())
 NUMBERS = [
     (section, key, bounds)
@@ -212,6 +211,10 @@ def test_files_that_are_no_robot(tmp_path: Path):
         make_robot({**TREE, "leg": None})
     with pytest.raises(ValueError, match=r"^name: 3 is not a string"):
         make_robot({**TREE, "name": 3})
+    with pytest.raises(ValueError, match=r"^actuation: 'steam' is not one of drives, bus_servos"):
+        make_robot({**TREE, "actuation": "steam"})
+    with pytest.raises(ValueError, match=r"^motor: unknown key"):
+        make_robot({**TREE, "actuation": "bus_servos"})
 
 
 def test_words_are_checked():

@@ -9,15 +9,20 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from husky_description.gravity import GRAVITY
 from husky_description.mujoco_model import build_spec
-from husky_description.robot import load_robot
+from husky_description.robot import ROBOTS, load_robot
 from husky_description.urdf import build_urdf
 
 pin = pytest.importorskip("pinocchio")
 
-ROBOT = load_robot()
-URDF = build_urdf(ROBOT)
 TOLERANCE = 1e-6
+
+
+def frames_of(robot):
+    """Frames of a robot that are sites of its MuJoCo model too."""
+    hung = "fan" if "fans" in robot.own_sections else "propeller"
+    return (*robot.foot_names, "imu_link", "t265_link", "perch", f"hind_left_{hung}")
 
 
 class Pair:
@@ -28,9 +33,11 @@ class Pair:
     """
 
     def __init__(self, robot, urdf):
+        self.robot = robot
         self.model = build_spec(robot).compile()
         self.data = mujoco.MjData(self.model)
         self.pin_model = pin.buildModelFromXML(urdf, pin.JointModelFreeFlyer())
+        self.pin_model.gravity.linear[:] = 0.0, 0.0, -GRAVITY  # a URDF tells of none
         self.pin_data = self.pin_model.createData()
         ids = [self.pin_model.getJointId(name) for name in robot.joint_names]
         self.q_index = [self.pin_model.joints[i].idx_q for i in ids]
@@ -51,17 +58,18 @@ class Pair:
         self.transform[self.v_index, np.arange(6, 18)] = 1.0
 
 
-@pytest.fixture(scope="module")
-def pair():
-    return Pair(ROBOT, URDF)
+@pytest.fixture(scope="module", params=ROBOTS)
+def pair(request):
+    robot = load_robot(request.param)
+    return Pair(robot, build_urdf(robot))
 
 
 @pytest.fixture(scope="module")
-def postures():
-    rng = np.random.default_rng(5)
+def postures(pair):
+    robot, rng = pair.robot, np.random.default_rng(5)
     rotations = Rotation.random(100, rng=np.random.default_rng(6))
     return [
-        (rng.uniform(-2, 2, 3), rotations[i], rng.uniform(ROBOT.joint_lower, ROBOT.joint_upper))
+        (rng.uniform(-2, 2, 3), rotations[i], rng.uniform(robot.joint_lower, robot.joint_upper))
         for i in range(100)
     ]
 
@@ -70,7 +78,7 @@ def test_foot_positions_agree(pair, postures):
     for posture in postures:
         pair.set(*posture)
         pin.framesForwardKinematics(pair.pin_model, pair.pin_data, pair.q)
-        for name in (*ROBOT.foot_names, "imu_link", "t265_link", "perch", "hind_left_fan"):
+        for name in frames_of(pair.robot):
             site = name.removesuffix("_link")
             frame = pair.pin_data.oMf[pair.pin_model.getFrameId(name)]
             np.testing.assert_allclose(pair.data.site(site).xpos, frame.translation, atol=TOLERANCE)
@@ -112,10 +120,12 @@ def test_velocity_torques_agree(pair, postures):
 
 
 @pytest.mark.parametrize("payload", [0.0, 2.5])
-def test_other_payloads_agree(payload, postures):
-    robot = load_robot(payload_mass=payload, payload__position=[0.03, 0.01, -0.02])
+def test_other_payloads_agree(payload, pair, postures):
+    name = pair.robot.name.removeprefix("husky_")
+    robot = load_robot(name, payload_mass=payload, payload__position=[0.03, 0.01, -0.02])
     other = Pair(robot, build_urdf(robot))
-    assert pin.computeTotalMass(other.pin_model) == pytest.approx(6.32 + payload, abs=1e-9)
+    bare = pair.robot.mass - pair.robot.payload_mass
+    assert pin.computeTotalMass(other.pin_model) == pytest.approx(bare + payload, abs=1e-9)
     for posture in postures[:10]:
         other.set(*posture)
         expected = pin.computeGeneralizedGravity(other.pin_model, other.pin_data, other.q)
@@ -125,52 +135,57 @@ def test_other_payloads_agree(payload, postures):
 
 
 def test_total_mass(pair):
-    assert pin.computeTotalMass(pair.pin_model) == pytest.approx(7.6, abs=1e-9)
+    masses = {"husky_carbon": 7.6, "husky_beta": 2.652}
+    mass = masses[pair.robot.name]
+    assert pin.computeTotalMass(pair.pin_model) == pytest.approx(mass, abs=1e-9)
+    assert pair.model.body_subtreemass[0] == pytest.approx(mass, abs=1e-9)
 
 
 def test_limits(pair):
-    model = pair.pin_model
-    np.testing.assert_allclose(model.lowerPositionLimit[pair.q_index], ROBOT.joint_lower)
-    np.testing.assert_allclose(model.upperPositionLimit[pair.q_index], ROBOT.joint_upper)
-    np.testing.assert_allclose(model.effortLimit[pair.v_index], ROBOT.joint_torque_limit)
-    np.testing.assert_allclose(model.velocityLimit[pair.v_index], ROBOT.joint_velocity_limit)
+    model, robot = pair.pin_model, pair.robot
+    np.testing.assert_allclose(model.lowerPositionLimit[pair.q_index], robot.joint_lower)
+    np.testing.assert_allclose(model.upperPositionLimit[pair.q_index], robot.joint_upper)
+    np.testing.assert_allclose(model.effortLimit[pair.v_index], robot.joint_torque_limit)
+    np.testing.assert_allclose(model.velocityLimit[pair.v_index], robot.joint_velocity_limit)
 
 
-def test_links_and_joints():
-    root = ElementTree.fromstring(URDF)
+def test_links_and_joints(pair):
+    root = ElementTree.fromstring(build_urdf(pair.robot))
+    assert root.get("name") == pair.robot.name
     revolute = [joint.get("name") for joint in root.iter("joint") if joint.get("type") != "fixed"]
-    assert tuple(revolute) == ROBOT.joint_names
+    assert tuple(revolute) == pair.robot.joint_names
     links = [link.get("name") for link in root.iter("link")]
     children = {child.get("link") for child in root.iter("child")}
     assert len(set(links)) == len(links)
-    assert [link for link in links if link not in children] == ["base"]
-    assert root.find("link[@name='base']/inertial") is None
+    assert [link for link in links if link not in children] == ["base_link"]
+    assert root.find("link[@name='base_link']/inertial") is None
     assert not root.findall(".//mesh")
     materials = {material.get("name") for material in root.findall("material")}
     assert {m.get("name") for m in root.findall(".//visual/material")} <= materials
     assert all(value.get("rgba") for value in root.findall("material/color"))
 
 
-def test_links_of_the_parallelogram_reach_the_foot(postures):
+def test_links_of_the_parallelogram_reach_the_foot(pair, postures):
     """On its mimic joints the ankle ends at the foot of the serial equivalent."""
-    model = pin.buildModelFromXML(build_urdf(ROBOT, parallelogram=True))
+    robot = pair.robot
+    model = pin.buildModelFromXML(build_urdf(robot, parallelogram=True))
     data = model.createData()
     assert model.nq == 12 + 2 * 12  # A continuous joint is a cosine and a sine in Pinocchio.
     for _, _, joints in postures[:20]:
         q = pin.neutral(model)
-        for index, name in enumerate(ROBOT.joint_names):
+        for index, name in enumerate(robot.joint_names):
             q[model.joints[model.getJointId(name)].idx_q] = joints[index]
-        for leg, name in enumerate(ROBOT.legs):
+        for leg, name in enumerate(robot.legs):
             knee = joints[3 * leg + 2]
             for link, sign in (("calf", 1), ("rod", 1), ("ankle", -1)):
                 at = model.joints[model.getJointId(f"{name}_{link}_pin")].idx_q
                 q[at : at + 2] = [np.cos(sign * knee), np.sin(sign * knee)]
         pin.framesForwardKinematics(model, data, q)
-        for name in ROBOT.legs:
+        for name in robot.legs:
             ankle = data.oMf[model.getFrameId(f"{name}_ankle")]
             foot = data.oMf[model.getFrameId(f"{name}_foot")]
             thigh = data.oMf[model.getFrameId(f"{name}_thigh")]
-            end = ankle.act(np.array([0.0, 0.0, -ROBOT.leg.ankle_link]))
+            end = ankle.act(np.array([0.0, 0.0, -robot.leg.ankle_link]))
             np.testing.assert_allclose(end, foot.translation, atol=1e-12)
             np.testing.assert_allclose(ankle.rotation, thigh.rotation, atol=1e-12)
 

@@ -1,1 +1,1 @@
-"""What talks to hardware: EtherCAT drives (CiA 402) and the VN-200."""
+"""Robot's side of the wires: EtherCAT drives (CiA 402), VN-200, T265."""

@@ -4,7 +4,7 @@ from importlib.metadata import EntryPoint
 
 import pytest
 
-from husky_drivers import bus
+from husky_drivers.ethercat import bus
 
 
 @pytest.fixture

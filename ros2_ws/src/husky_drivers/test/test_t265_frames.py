@@ -10,19 +10,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from husky_description.quaternion import multiply
-from husky_drivers.t265_frames import (
+from husky_description.rotation import multiply, rotate
+from husky_drivers.t265.frames import (
     PoseFrame,
     base_pose,
     covariance,
     odometry,
-    rotate,
     rotation_from_ros,
-    rotation_to_ros,
     vector_from_ros,
-    vector_to_ros,
 )
-from husky_drivers.t265_gate import JumpLimits, PoseGate
+from husky_drivers.t265.gate import JumpLimits, PoseGate
 
 AXES = np.array([[0.0, 0.0, -1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 """Columns: right, up and backward in ROS axes."""
@@ -68,18 +65,18 @@ def test_pose_and_twist_are_the_wrappers(rotation, translation, velocity, angula
 )
 def test_axes_are_where_the_maker_says(camera, ros):
     axis = {"right": (1.0, 0.0, 0.0), "up": (0.0, 1.0, 0.0), "backward": (0.0, 0.0, 1.0)}[camera]
-    assert vector_to_ros(axis) == ros
+    assert vector_from_ros(ros) == axis
     # Turning about an axis of the camera is turning about the same axis under its ROS name.
-    turned = rotation_to_ros(tuple(Rotation.from_rotvec(0.3 * np.array(axis)).as_quat()))
-    assert Rotation.from_quat(turned).as_rotvec() == pytest.approx(0.3 * np.array(ros))
+    turned = rotation_from_ros(tuple(Rotation.from_rotvec(0.3 * np.array(ros)).as_quat()))
+    assert Rotation.from_quat(turned).as_rotvec() == pytest.approx(0.3 * np.array(axis))
 
 
 @given(rotations, vectors)
-def test_there_and_back(rotation, vector):
-    assert vector_from_ros(vector_to_ros(vector)) == vector
-    assert vector_to_ros(vector_from_ros(vector)) == vector
-    assert rotation_from_ros(rotation_to_ros(rotation)) == rotation
-    assert rotation_to_ros(rotation_from_ros(rotation)) == rotation
+def test_from_ros_is_the_way_back(rotation, vector):
+    assert tuple(AXES @ vector_from_ros(vector)) == vector
+    attitude = Rotation.from_quat(rotation_from_ros(rotation)).as_matrix()
+    expected = Rotation.from_quat(rotation).as_matrix()
+    assert pytest.approx(expected, abs=1e-12) == AXES @ attitude @ AXES.T
 
 
 @given(rotations, rotations, vectors)
@@ -166,6 +163,17 @@ def test_repeats_and_restarts():
     counters = gate.counters
     assert (counters.repeated, counters.clock_restarts, counters.good) == (1, 1, 4)
     assert (counters.missed, counters.jumps) == (0, 1)  # The way back from 5 m, not the restart.
+
+
+def test_frames_that_come_once_more_are_no_restart():
+    """Where the camera has been a while ago it is not now."""
+    gate = PoseGate()
+    frames = [frame(n, translation=(0.02 * n, 0.0, 0.0), velocity=(4.0, 0, 0)) for n in range(90)]
+    assert all(feed(gate, frames[:60]))
+    assert not any(feed(gate, frames[45:60]))
+    assert feed(gate, [frames[60], frames[40], frames[61], frames[41]]) == [True, False] * 2
+    counters = gate.counters
+    assert (counters.repeated, counters.clock_restarts, counters.jumps) == (17, 0, 0)
 
 
 def test_lost_tracking_is_counted_as_it_begins():

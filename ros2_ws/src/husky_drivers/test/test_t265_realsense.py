@@ -5,9 +5,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from husky_drivers.t265_backend import BackendError, make_backend
-from husky_drivers.t265_frames import odometry
-from husky_drivers.t265_realsense import RealsenseBackend, load_librealsense
+from husky_drivers.t265.backend import BackendError, make_backend
+from husky_drivers.t265.frames import odometry
+from husky_drivers.t265.realsense import RealsenseBackend, load_librealsense
 
 
 def xyz(*values):

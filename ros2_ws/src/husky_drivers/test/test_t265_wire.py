@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from husky_drivers.t265_frames import PoseFrame
-from husky_drivers.t265_wire import FRAME_SIZE, FrameParser, encode
-from husky_drivers.vn200_protocol import crc16
+from husky_drivers.t265.frames import PoseFrame
+from husky_drivers.t265.wire import FRAME_SIZE, FrameParser, encode
+from husky_drivers.vn200.protocol import crc16
 
 single = st.floats(width=32, allow_nan=False)
 vector = st.tuples(single, single, single)

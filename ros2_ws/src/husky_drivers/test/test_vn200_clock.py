@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from husky_drivers.vn200_clock import DeviceClock, HostClock
+from husky_drivers.vn200.clock import DeviceClock, HostClock
 
 PERIOD = 1_250_000
 EPOCH = 1_700_000_000_000_000_000

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from husky_description.robot import load_robot
-from husky_drivers.vn200_imu import ImuFigures, SampleGate, swap_body, swap_world_and_body
+from husky_description.rotation import swap_body, swap_world_and_body
+from husky_drivers.vn200.imu import ImuFigures, SampleGate
 
 ENU_FROM_NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 FRD_FROM_FLU = np.diag([1.0, -1.0, -1.0])
@@ -98,6 +99,28 @@ def test_a_clock_that_starts_again_is_followed():
     gate = SampleGate(800.0)
     assert gate.accept(sample(10**9))
     assert gate.accept(sample(1_250_000))
+    assert (gate.counters.clock_restarts, gate.counters.missed) == (1, 0)
+
+
+def test_samples_that_come_once_more_are_no_restart():
+    """A buffer that is sent twice, and old samples among new ones."""
+    gate, period = SampleGate(800.0), 1_250_000
+    new = [sample(10**9 + number * period) for number in range(40)]
+    assert all(gate.accept(item) for item in new[:20])
+    assert not any(gate.accept(item) for item in new[5:20])
+    assert gate.accept(new[20])
+    for number in range(21, 40):
+        assert not gate.accept(new[number - 20])
+        assert gate.accept(new[number])
+    assert (gate.counters.repeated, gate.counters.clock_restarts) == (15 + 19, 0)
+    assert gate.counters.missed == 0
+
+
+def test_a_clock_that_is_set_back_and_goes_on_from_there_is_followed():
+    gate, period = SampleGate(800.0), 1_250_000
+    assert gate.accept(sample(60 * 10**9))
+    passed = [gate.accept(sample(5 * 10**9 + number * period)) for number in range(40)]
+    assert passed == [False] * 19 + [True] * 21
     assert (gate.counters.clock_restarts, gate.counters.missed) == (1, 0)
 
 

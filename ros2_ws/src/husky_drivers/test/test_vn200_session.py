@@ -6,118 +6,12 @@ import math
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from vn200_script import DIALOGUE, STEP, Line, Script, streaming_line
 
-from husky_drivers.vn200_binary import IMU_LAYOUT
-from husky_drivers.vn200_protocol import BAUDS, AsciiMessage, ProtocolError, decode_ascii
-from husky_drivers.vn200_requests import scan_order
-from husky_drivers.vn200_session import Session, SessionConfig, State
-
-STEP = 0.00125
-DIALOGUE = [
-    b"$VNASY,0*4F\r\n",
-    b"$VNWRG,05,921600*53\r\n",
-    b"$VNASY,0*4F\r\n",
-    b"$VNWRG,06,0*6C\r\n",
-    b"$VNRRG,01*72\r\n",
-    b"$VNWRG,75,1,1,01,0131*76\r\n",
-    b"$VNASY,1*4E\r\n",
-]
-
-
-class Script:
-    """A device that echoes what it is told, at its baud rate, and can be made to misbehave."""
-
-    def __init__(self, baud=115200, replies_at_new_baud=False):
-        self.baud = baud
-        self.replies_at_new_baud = replies_at_new_baud
-        self.model = "VN-200T-CR"
-        self.output = ("0", "1", "00")
-        self.paused = False
-        self.heard = []
-        self.lose = 0
-        self.answer = None
-        self.silent = False
-        self.frozen = False
-        self._ticks = 0
-
-    def hear(self, data, baud):
-        """Return what comes back, as (bytes, baud)."""
-        if self.silent or not data or baud != self.baud:
-            return b"", self.baud
-        self.heard.append(data)
-        if self.lose > 0:
-            self.lose -= 1
-            return b"", self.baud
-        if self.answer is not None:
-            return self.answer(data), self.baud
-        message = decode_ascii(data)
-        old = self.baud
-        fields = message.fields
-        if message.command == "ASY":
-            self.paused = fields == ("0",)
-        elif message.command == "WRG" and fields[0] == "05":
-            self.baud = int(fields[1])
-        elif message.command == "WRG" and fields[0] == "75":
-            self.output = fields[1:]
-        elif message.command == "RRG" and fields[0] == "01":
-            fields = (*fields, self.model)
-        elif message.command == "RRG" and fields[0] == "75":
-            fields = (*fields, *self.output)
-        reply = AsciiMessage(message.command, fields).encode()
-        return reply, self.baud if self.replies_at_new_baud else old
-
-    def tick(self):
-        self._ticks += not self.frozen
-        if self.silent or self.paused or self.output != ("1", "1", "01", "0131"):
-            return b""
-        return IMU_LAYOUT.encode(self._ticks * 1_250_000, 0, 0, 0, 1, 0, 0, 0, 0, 0, -9.81)
-
-
-class Line:
-    """A session and a device in simulated time."""
-
-    def __init__(self, device=None, **config):
-        self.device = device if device is not None else Script()
-        self.session = Session(SessionConfig(**config))
-        self.now = 0.0
-        self.sent = []
-        self.samples = []
-        self.reopened = 0
-        self.session.start(self.now)
-
-    def step(self):
-        self.now += STEP
-        arriving = [(self.device.tick(), self.device.baud)]
-        if self.now >= self.session.deadline:
-            data = self.session.poll(self.now)
-            if data:
-                self.sent.append((self.now, self.session.baud, data))
-            arriving.append(self.device.hear(data, self.session.baud))
-        if self.session.reopen_wanted:
-            self.reopened += 1
-            self.session.start(self.now)
-        for data, baud in arriving:
-            if data and baud == self.session.baud:
-                self.samples += self.session.feed(data, self.now)
-
-    def run(self, duration):
-        for _ in range(round(duration / STEP)):
-            self.step()
-
-    def run_until(self, state, limit):
-        """Return the time that it took."""
-        start = self.now
-        while self.session.state is not state:
-            assert self.now - start < limit, f"{self.session.state} instead of {state}"
-            self.step()
-        return self.now - start
-
-
-def streaming_line(**config):
-    line = Line(**config)
-    line.run_until(State.STREAMING, 1.0)
-    line.run(0.1)
-    return line
+from husky_drivers.vn200.binary import IMU_LAYOUT
+from husky_drivers.vn200.protocol import BAUDS, ProtocolError
+from husky_drivers.vn200.requests import scan_order
+from husky_drivers.vn200.session import SessionConfig, SessionState
 
 
 # Start ------------------------------------------------------------------------------------------
@@ -137,13 +31,13 @@ def test_a_device_at_the_right_rate_is_not_told_to_change_it():
 @pytest.mark.parametrize("baud", [b for b in BAUDS if b != 921600])
 def test_the_reply_to_a_change_of_rate_may_come_at_either(baud, at_new):
     line = Line(Script(baud, at_new))
-    line.run_until(State.STREAMING, 1.5)
+    line.run_until(SessionState.STREAMING, 1.5)
     assert line.device.baud == 921600
 
 
 def test_another_rate_and_divisor_can_be_wanted():
     line = Line(baud=230400, rate=400)
-    line.run_until(State.CONFIGURING, 1.0)
+    line.run_until(SessionState.CONFIGURING, 1.0)
     line.run(0.1)
     assert b"$VNWRG,05,230400" in b"".join(line.device.heard)
     assert line.device.output == ("1", "2", "01", "0131")
@@ -158,7 +52,7 @@ def test_one_lost_message_of_the_dialogue_is_made_up_for(lost):
         while len(device.heard) == before:
             line.step()
     device.lose = 1
-    line.run_until(State.STREAMING, 2.0)
+    line.run_until(SessionState.STREAMING, 2.0)
     line.run(0.1)
     assert len(line.samples) > 70
 
@@ -166,24 +60,24 @@ def test_one_lost_message_of_the_dialogue_is_made_up_for(lost):
 def test_a_request_without_echo_is_repeated_every_half_second():
     device = Script(baud=921600)
     line = Line(device)
-    line.run_until(State.CONFIGURING, 1.0)
+    line.run_until(SessionState.CONFIGURING, 1.0)
     device.lose = 2
     line.run(1.2)
     times = [time for time, _, data in line.sent if data == DIALOGUE[3]]
     assert len(times) == 3
     assert [b - a for a, b in itertools.pairwise(times)] == pytest.approx([0.5, 0.5], abs=2 * STEP)
-    assert line.session.state is State.STREAMING
+    assert line.session.state is SessionState.STREAMING
 
 
 def test_a_device_that_answers_something_else_is_asked_again_not_believed():
     device = Script(baud=921600)
     line = Line(device)
-    line.run_until(State.CONFIGURING, 1.0)
+    line.run_until(SessionState.CONFIGURING, 1.0)
     device.answer = lambda data: b"$VNWRG,06,1*6D\r\n"
     line.run(1.0)
-    assert line.session.state is State.CONFIGURING
+    assert line.session.state is SessionState.CONFIGURING
     device.answer = None
-    line.run_until(State.STREAMING, 1.0)
+    line.run_until(SessionState.STREAMING, 1.0)
 
 
 def test_another_makers_device_is_reported_and_not_used():
@@ -191,14 +85,14 @@ def test_another_makers_device_is_reported_and_not_used():
     device.model = "XY-7"
     line = Line(device)
     line.run(1.0)
-    assert line.session.state is State.CONFIGURING
+    assert line.session.state is SessionState.CONFIGURING
     assert "XY-7" in line.session.problem
 
 
 def test_a_refusal_is_reported():
     device = Script(baud=921600)
     line = Line(device)
-    line.run_until(State.CONFIGURING, 1.0)
+    line.run_until(SessionState.CONFIGURING, 1.0)
     device.answer = lambda data: b"$VNERR,0C*02\r\n"
     line.run(0.7)
     assert line.session.problem == "device error 0C (insufficient baud rate)"
@@ -208,11 +102,11 @@ def test_a_refusal_is_reported():
 def test_damage_on_the_way_to_the_device_is_made_up_for_at_once():
     device = Script(baud=921600)
     line = Line(device)
-    line.run_until(State.CONFIGURING, 1.0)
+    line.run_until(SessionState.CONFIGURING, 1.0)
     device.answer = lambda data: b"$VNERR,03*72\r\n"
     line.run(0.01)
     device.answer = None
-    assert line.run_until(State.STREAMING, 1.0) < 0.1
+    assert line.run_until(SessionState.STREAMING, 1.0) < 0.1
 
 
 # Rates ------------------------------------------------------------------------------------------
@@ -233,7 +127,7 @@ def test_a_device_that_comes_back_at_any_rate_is_found(baud, delay):
     line.run(1.0 + delay)
     line.device.silent = False
     line.device.baud = baud
-    took = line.run_until(State.STREAMING, 1.5)
+    took = line.run_until(SessionState.STREAMING, 1.5)
     assert took < (1.0 if baud in (921600, 115200) else 1.5)
 
 
@@ -242,17 +136,43 @@ def test_silence_makes_the_line_stale_and_the_device_is_asked_without_disturbing
     line = streaming_line()
     heard = len(line.device.heard)
     line.device.tick = lambda: b""
-    took = line.run_until(State.STALE, 1.0)
+    took = line.run_until(SessionState.STALE, 1.0)
     assert took == pytest.approx(0.05, abs=2 * STEP)
     line.run(0.2)
     assert line.device.heard[heard : heard + 2] == [b"$VNRRG,75*71\r\n", b"$VNASY,1*4E\r\n"]
     line.run(2.0)
-    assert line.session.state is State.STALE
+    assert line.session.state is SessionState.STALE
     assert DIALOGUE[0] not in line.device.heard[heard:]
     assert line.reopened == 0
     del line.device.tick
-    line.run_until(State.STREAMING, 0.01)
+    line.run_until(SessionState.STREAMING, 0.01)
     assert line.session.times_stale == 1
+
+
+def test_a_world_that_stands_still_is_no_silence_to_tell_of():
+    device, later = Script(), [0.0]
+    line = streaming_line(device, world_time=lambda: device.time + later[0])
+    line.device.tick = lambda: b""
+    line.run(2.0)
+    assert line.session.state is SessionState.STALE  # the device is asked, and answers
+    assert line.session.told_state is SessionState.STREAMING and line.session.times_stale == 0
+    later[0] = 0.06
+    line.run(0.3)
+    assert line.session.told_state is SessionState.STALE and line.session.times_stale == 1
+    del line.device.tick
+    line.run_until(SessionState.STREAMING, 0.01)
+    assert line.session.times_stale == 1
+
+
+def test_silence_in_a_world_that_begins_again():
+    device, world = Script(), [0.0]
+    line = streaming_line(device, world_time=lambda: world[0])
+    line.device.tick = lambda: b""
+    line.run(0.2)
+    assert line.session.told_state is SessionState.STREAMING
+    world[0] = 0.06
+    line.run(0.2)
+    assert line.session.told_state is SessionState.STALE
 
 
 def test_a_dead_line_is_reopened():
@@ -263,38 +183,38 @@ def test_a_dead_line_is_reopened():
     line.run(3.0)
     assert line.reopened >= 3  # once for each scan in vain
     line.device.silent = False
-    assert line.run_until(State.STREAMING, 2.0) < 1.0
+    assert line.run_until(SessionState.STREAMING, 2.0) < 1.0
 
 
 def test_a_paused_device_is_resumed():
     line = streaming_line()
     line.device.paused = True
-    line.run_until(State.STALE, 0.1)
-    assert line.run_until(State.STREAMING, 1.0) < 0.1
+    line.run_until(SessionState.STALE, 0.1)
+    assert line.run_until(SessionState.STREAMING, 1.0) < 0.1
 
 
 def test_a_device_that_forgot_its_setting_is_configured_again():
     line = streaming_line()
     line.device.output = ("0", "1", "00")
-    line.run_until(State.CONFIGURING, 0.1)
-    assert line.run_until(State.STREAMING, 1.0) < 0.1
+    line.run_until(SessionState.CONFIGURING, 0.1)
+    assert line.run_until(SessionState.STREAMING, 1.0) < 0.1
 
 
 def test_a_device_that_restarts_at_its_flash_settings_is_found_again():
     line = streaming_line()
     line.device.output = ("0", "1", "00")
     line.device.baud = 115200
-    line.run_until(State.STALE, 0.1)
-    assert line.run_until(State.STREAMING, 2.0) < 1.0
+    line.run_until(SessionState.STALE, 0.1)
+    assert line.run_until(SessionState.STREAMING, 2.0) < 1.0
 
 
 def test_garbage_from_a_stale_line_raises_doubt_about_its_rate_at_once():
     line = streaming_line(silence_timeout=60.0)
     line.device.silent = True
-    line.run_until(State.STALE, 0.1)
+    line.run_until(SessionState.STALE, 0.1)
     for _ in range(5):
         line.session.feed(bytes(50), line.now)
-    assert line.session.state is State.PROBING
+    assert line.session.state is SessionState.PROBING
     assert not line.session.reopen_wanted
 
 
@@ -303,12 +223,12 @@ def test_a_frozen_sample_is_no_sample():
     line.device.frozen = True
     count = len(line.samples)
     line.run(0.5)
-    assert line.session.state is State.STALE
+    assert line.session.state is SessionState.STALE
     assert line.reopened == 0
     assert len(line.samples) == count
     assert line.session.samples.counters.repeated > 300
     line.device.frozen = False
-    line.run_until(State.STREAMING, 0.01)
+    line.run_until(SessionState.STREAMING, 0.01)
 
 
 # Anything ---------------------------------------------------------------------------------------
@@ -355,7 +275,7 @@ def test_whatever_arrives_nothing_raises_and_a_good_device_is_found_afterwards(c
             session.poll(line.now)
         assert session.baud in BAUDS
         assert line.now <= session.deadline < line.now + 60.0
-    line.run_until(State.STREAMING, 4.0)
+    line.run_until(SessionState.STREAMING, 4.0)
 
 
 @pytest.mark.parametrize(

@@ -1,1 +1,4 @@
-"""Propulsion unit: fans, battery, mixer, MAVLink autopilot, remote control."""
+"""Propulsion unit: companion's bridge, simulated Pixhawk, radio."""
+
+VERSION = (0, 1, 0)
+"""Of this package, as in package.xml: major, minor, patch."""

@@ -9,7 +9,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from scripted_autopilot import ScriptedAutopilot
 
-from husky_pu.mavlink_client import ClientConfig, MavlinkClient
+from husky_pu.companion.client import ClientConfig, MavlinkClient
 
 
 @pytest.fixture(scope="session")

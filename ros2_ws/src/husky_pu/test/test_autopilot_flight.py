@@ -7,23 +7,24 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 from scipy.spatial.transform import Rotation
 
+from husky_description.gravity import GRAVITY
 from husky_description.robot import load_robot
-from husky_pu.attitude_estimator import to_euler
-from husky_pu.autopilot import Autopilot, AutopilotConfig, SensorSample
-from husky_pu.failsafes import FlightMode
-from husky_pu.mavlink_axes import mavlink_attitude, ros_attitude
-from husky_pu.mixer import Mixer
-from husky_pu.propulsion_unit import PropulsionUnit
+from husky_description.rotation import to_roll_pitch_yaw
+from husky_pu.autopilot.autopilot import Autopilot, AutopilotConfig, SensorSample
+from husky_pu.autopilot.failsafes import FlightMode
+from husky_pu.autopilot.mixer import Mixer
+from husky_pu.mavlink.axes import mavlink_attitude, ros_attitude
+from husky_sim.propulsion.propulsion_unit import PropulsionUnit
 
 ROBOT = load_robot()
 MASS, INERTIA = 2.4, np.diag([0.030, 0.030, 0.050])
-HOVER = MASS * 9.81 / Mixer(ROBOT).max_collective
+HOVER = MASS * GRAVITY / Mixer(ROBOT).max_collective
 DT = 0.002
 FIELD = np.array([0.0, 0.21, -0.43])  # ENU [gauss]
 LEVEL = (1.0, 0.0, 0.0, 0.0)
 
 
-GRAVITY = np.array([0.0, 0.0, 9.81])
+G_IN_WORLD = np.array([0.0, 0.0, GRAVITY])
 
 
 def matrix(q):
@@ -52,7 +53,7 @@ class Rig:
         **config,
     ):
         self.mass = mass
-        self.hovering = mass * 9.81 / Mixer(ROBOT).max_collective
+        self.hovering = mass * GRAVITY / Mixer(ROBOT).max_collective
         self.unit = PropulsionUnit(ROBOT)
         self.autopilot = Autopilot(
             Mixer(ROBOT), AutopilotConfig(inertia=tuple(np.diag(design)), seed=seed, **config)
@@ -61,7 +62,7 @@ class Rig:
         self.inertia, self.grounded = inertia, grounded
         self.quaternion = (attitude or Rotation.identity()).as_quat()  # FLU to ENU
         self.rates = np.zeros(3)
-        self.position, self.velocity = np.array([0.0, 0.0, -mass * 9.81 / 30.0]), np.zeros(3)
+        self.position, self.velocity = np.array([0.0, 0.0, -mass * GRAVITY / 30.0]), np.zeros(3)
         self.force = np.zeros(3)
         self.time_ns = 0
         self.pwm = (0, 0, 0, 0)
@@ -89,7 +90,7 @@ class Rig:
         sample = SensorSample(
             self.time_ns,
             tuple(flip * self.rates),
-            tuple(flip * (turn @ (acceleration + GRAVITY))),
+            tuple(flip * (turn @ (acceleration + G_IN_WORLD))),
             tuple(flip * (turn @ FIELD)),
             101325.0,
             self.unit.battery_voltage,
@@ -128,7 +129,7 @@ class Rig:
             self.quaternion = moved / math.sqrt(moved @ moved)
             thrust = matrix(self.quaternion) @ wrench[:3]
             hold = -30.0 * self.position - 12.0 * self.velocity
-            self.force = thrust + hold - self.mass * GRAVITY
+            self.force = thrust + hold - self.mass * G_IN_WORLD
             self.velocity = self.velocity + DT * self.force / self.mass
             self.position = self.position + DT * self.velocity
         logic = self.autopilot.vehicle.logic
@@ -139,7 +140,7 @@ class Rig:
                 logic.thrust,
                 float(self.unit.thrust.sum()),
                 float(max(self.pwm)),
-                *np.degrees(to_euler(self.autopilot.vehicle.estimator.attitude)),
+                *np.degrees(to_roll_pitch_yaw(self.autopilot.vehicle.estimator.attitude)),
             )
         )
         self.time_ns += 2_000_000
@@ -147,7 +148,7 @@ class Rig:
     def euler_deg(self):
         """Roll, pitch, yaw of the truth in FRD and NED [deg]."""
         w, x, y, z = mavlink_attitude(self.quaternion)
-        return np.degrees(to_euler((x, y, z, w)))
+        return np.degrees(to_roll_pitch_yaw((x, y, z, w)))
 
     def run(self, seconds):
         start = len(self.log)
@@ -200,7 +201,7 @@ def test_hover_keeps_level_and_heading(seed):
     assert math.sqrt(np.mean(roll**2)) < 1.0  # the accelerometer's bias alone is 0.3 deg
     assert math.sqrt(np.mean(pitch**2)) < 1.0
     assert np.abs(yaw).max() < 5.0  # hard iron of 5 mgauss in 210
-    assert np.mean(log[:, 5]) == pytest.approx(MASS * 9.81, rel=0.05)
+    assert np.mean(log[:, 5]) == pytest.approx(MASS * GRAVITY, rel=0.05)
 
 
 @pytest.mark.parametrize("axis", [0, 1])
@@ -299,7 +300,7 @@ def falls_to_zero(log, lost_at, limit=2.0):
     assert len(late) > 100
     assert late[:, 4].max() == 0.0
     assert late[:, 6].max() <= 1000
-    assert late[:, 5].max() < 0.02 * MASS * 9.81  # what still turns
+    assert late[:, 5].max() < 0.02 * MASS * GRAVITY  # what still turns
 
 
 def test_offboard_loss():

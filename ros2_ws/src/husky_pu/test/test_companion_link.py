@@ -5,9 +5,9 @@ import time
 
 import pytest
 
-from husky_description.pty_port import PtyPort
-from husky_pu.companion_link import CompanionLink, UdpPort, opener
-from husky_pu.mavlink_client import ClientConfig, MavlinkClient
+from husky_pu.companion.client import ClientConfig, MavlinkClient
+from husky_pu.companion.link import CompanionLink, MavlinkUdp, opener
+from husky_runtime.ports.pty_port import PtyPort
 
 
 def free_port():
@@ -40,9 +40,9 @@ def test_a_port_that_is_not_there_cannot_be_opened(tmp_path):
 
 def test_udpin_hears_one_peer_at_a_time(monkeypatch):
     number, now = free_port(), [100.0]
-    monkeypatch.setattr("husky_pu.companion_link.time.monotonic", lambda: now[0])
+    monkeypatch.setattr("husky_pu.companion.link.time.monotonic", lambda: now[0])
     port = opener(f"udpin:127.0.0.1:{number}")()
-    peers = [UdpPort(("127.0.0.1", number), bind=False) for _ in range(2)]
+    peers = [MavlinkUdp(("127.0.0.1", number), bind=False) for _ in range(2)]
     try:
         assert port.write(b"nobody is there") == 0
         for seconds, peer, heard in ((0, 0, True), (1, 1, False), (1.5, 0, True), (4, 1, True)):

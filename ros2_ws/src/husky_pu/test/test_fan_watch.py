@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from husky_description.robot import load_robot
-from husky_pu.fan_watch import FanWatch
-from husky_pu.mixer import Mixer
-from husky_pu.propulsion_unit import PropulsionUnit
+from husky_pu.autopilot.fan_watch import FanWatch
+from husky_pu.autopilot.mixer import Mixer
+from husky_sim.propulsion.propulsion_unit import PropulsionUnit
 
 ROBOT = load_robot()
 MIXER = Mixer(ROBOT)

@@ -5,8 +5,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
-from husky_pu import mavlink_commands as commands
-from husky_pu.mavlink_client import ClientConfig, MavlinkClient
+from husky_pu.companion import command_requests as commands
+from husky_pu.companion.client import ClientConfig, MavlinkClient
 
 TELEMETRY = {31, 83, 36, 291, 147, 1, 290}
 
@@ -196,7 +196,7 @@ def test_answers_to_somebody_else_are_not_ours(pair):
 @settings(max_examples=60)
 @given(st.lists(st.tuples(st.booleans(), st.sampled_from([0, 1, 4, 5])), max_size=12))
 def test_a_command_ends_once_and_stays_ended(steps):
-    command, now = commands.Command(400, (0.0,) * 7), 0.0
+    command, now = commands.CommandRequest(400, (0.0,) * 7), 0.0
     ended = None
     for answered, result in steps:
         now += 0.2

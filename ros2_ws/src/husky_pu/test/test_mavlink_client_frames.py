@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
-from husky_pu.mavlink_client import ClientConfig, MavlinkClient
-from husky_pu.mavlink_frames import FrameReader, read_key, signing_time
+from husky_pu.companion.client import ClientConfig, MavlinkClient
+from husky_pu.mavlink.frames import FrameReader, read_key, signing_time
 
 KEY = bytes(range(32))
 

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 from scipy.spatial.transform import Rotation
 
-from husky_pu.mavlink_axes import flip_body, mavlink_attitude, ros_attitude
+from husky_description.rotation import swap_body
+from husky_pu.mavlink.axes import mavlink_attitude, ros_attitude
 
 NED_TO_ENU = np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1]])
 FRD_TO_FLU = np.diag([1, -1, -1])
@@ -30,7 +31,7 @@ def test_axes_by_hand():
     # Level and facing east: no rotation in ROS, a quarter turn to the right of north in MAVLink.
     half = math.sqrt(0.5)
     assert mavlink_attitude((0, 0, 0, 1)) == pytest.approx((half, 0, 0, half))
-    assert flip_body((1, 2, 3)) == (1, -2, -3)
+    assert swap_body((1, 2, 3)) == (1, -2, -3)
 
 
 # Telemetry --------------------------------------------------------------------------------------

@@ -5,8 +5,14 @@ import struct
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega, common
 
-from husky_pu import mavlink_frames
-from husky_pu.mavlink_dialect import EscInfo, EscStatus, SetAttitudeTarget
+from husky_pu.mavlink import frames as mavlink_frames
+from husky_pu.mavlink.dialect import (
+    ComponentMetadata,
+    EscInfo,
+    EscStatus,
+    ProtocolVersion,
+    SetAttitudeTarget,
+)
 
 FIELDS = (1234, 1, 1, 39, [1.0, 0.0, 0.0, 0.0], 0.0, 0.0, 0.0, 0.25)
 
@@ -31,7 +37,7 @@ def crc_extra(message):
     return (crc & 0xFF) ^ (crc >> 8)
 
 
-@pytest.mark.parametrize("message", [EscInfo, EscStatus])
+@pytest.mark.parametrize("message", [EscInfo, EscStatus, ProtocolVersion, ComponentMetadata])
 def test_seeds_of_the_checksums(message):
     assert crc_extra(message) == message.crc_extra
 
@@ -59,9 +65,6 @@ def test_without_the_extension_it_is_zero():
     for codec in (ardupilotmega.MAVLink(None), common.MAVLink(None)):
         data = codec.set_attitude_target_encode(*FIELDS).pack(codec)
         assert read(data).thrust_body == [0.0, 0.0, 0.0]
-    old = SetAttitudeTarget(*FIELDS, thrust_body=(1.0, 0.0, 0.0))
-    data = old.pack(common.MAVLink(None), force_mavlink1=True)
-    assert data[1] == 39 and read(data).thrust_body == [0.0, 0.0, 0.0]
 
 
 def test_escs_there_and_back():
@@ -74,3 +77,14 @@ def test_escs_there_and_back():
     heard = read(info.pack(codec))
     assert (heard.info, heard.count, heard.failure_flags) == (15, 4, [0, 64, 0, 0])
     assert heard.temperature == [32767] * 4
+
+
+def test_what_a_ground_station_asks_at_first_there_and_back():
+    codec = common.MAVLink(None)
+    heard = read(ProtocolVersion(200, 100, 200, list(range(8)), [255] * 8).pack(codec))
+    assert (heard.version, heard.min_version, heard.max_version) == (200, 100, 200)
+    assert (heard.spec_version_hash, heard.library_version_hash) == (list(range(8)), [255] * 8)
+    address = b"mftp:///general.json"
+    heard = read(ComponentMetadata(7, 2**31, address).pack(codec))
+    assert (heard.time_boot_ms, heard.file_crc) == (7, 2**31)
+    assert heard.uri == address.decode()

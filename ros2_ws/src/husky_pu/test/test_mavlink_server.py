@@ -2,6 +2,7 @@
 
 import math
 import struct
+import time
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -9,11 +10,11 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from husky_description.robot import load_robot
-from husky_pu.autopilot import Autopilot, AutopilotConfig, SensorSample
-from husky_pu.autopilot_imu import NO_ERRORS
-from husky_pu.failsafes import FlightMode
-from husky_pu.flight_parameters import TABLE
-from husky_pu.mixer import Mixer
+from husky_pu.autopilot.autopilot import Autopilot, AutopilotConfig, SensorSample
+from husky_pu.autopilot.failsafes import FlightMode
+from husky_pu.autopilot.flight_parameters import TABLE
+from husky_pu.autopilot.imu import NO_ERRORS
+from husky_pu.autopilot.mixer import Mixer
 
 MIXER = Mixer(load_robot())
 KEY = bytes(range(32))
@@ -37,6 +38,8 @@ CRC_EXTRA = {  # message id: CRC_EXTRA and length of the whole payload, as publi
     253: (83, 54),
     290: (251, 46),
     291: (10, 57),
+    300: (217, 22),
+    397: (182, 108),
 }
 
 
@@ -53,8 +56,9 @@ def crc_x25(data):
 class Bench:
     """An autopilot at rest and somebody who talks to it."""
 
-    def __init__(self, **config):
-        self.autopilot = Autopilot(MIXER, AutopilotConfig(errors=NO_ERRORS, **config))
+    def __init__(self, unix_time=time.time, **config):
+        config = AutopilotConfig(errors=NO_ERRORS, **config)
+        self.autopilot = Autopilot(MIXER, config, unix_time)
         self.codec = dialect.MAVLink(None, 255, 190)
         self.parser = dialect.MAVLink(None)
         self.parser.robust_parsing = False  # raises at whatever is wrong
@@ -122,6 +126,10 @@ def test_every_frame_is_right_to_the_last_bit():
     bench.send(dialect.MAVLink_param_request_list_message(1, 1))
     bench.send(dialect.MAVLink_timesync_message(0, 5))
     bench.command(520)
+    for number in (290, 291):
+        assert bench.command(511, number, 20000).result == 0
+    bench.send(dialect.MAVLink_command_long_message(1, 1, 519, 0, 0, 0, 0, 0, 0, 0, 0))
+    bench.send(dialect.MAVLink_command_long_message(1, 1, 512, 0, 397, 0, 0, 0, 0, 0, 0))
     bench.autopilot.receive(b"", "a")
     bench.tick(600)
     bench.send(dialect.MAVLink_command_long_message(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0))
@@ -199,14 +207,14 @@ def test_a_silent_link_is_dropped_and_a_permanent_one_not():
     bench.autopilot.server.open_link("station")
     bench.send(heartbeat(), "a")
     bench.tick(5100)
-    assert bench.autopilot.server.links == ["station"]
+    assert bench.autopilot.server.links.names == ["station"]
 
 
 def test_not_more_than_so_many_links():
     bench = Bench()
     for number in range(100):
         bench.send(heartbeat(), number)
-    assert len(bench.autopilot.server.links) == 16
+    assert len(bench.autopilot.server.links.names) == 16
 
 
 def test_what_is_addressed_elsewhere_is_ignored():
@@ -344,9 +352,10 @@ def test_read_and_set_parameters():
     assert bench.ask(request(b"COM_OF_LOSS_T"), "PARAM_VALUE").param_value == 1.0
     value = bench.ask(request(index=0), "PARAM_VALUE")
     assert (value.param_id, as_int(value.param_value)) == ("MAV_SYS_ID", 1)
-    bench.send(request(b"NO_SUCH"))
-    bench.send(request(index=1000))
-    assert bench.take() == []
+    for bad, name, index in ((request(b"NO_SUCH"), "NO_SUCH", -1), (request(index=1000), "", 1000)):
+        error = bench.ask(bad, "PARAM_ERROR")
+        assert (error.error, error.param_id, error.param_index) == (1, name, index)
+        assert (error.target_system, error.target_component) == (255, 190)
 
     def change(name, field, type_):
         return bench.ask(
@@ -502,7 +511,7 @@ def test_signing():
     bench.send(arm)
     bench.send(arm, codec=signed(b"\1" * 32, now))
     assert not bench.logic.armed
-    assert bench.autopilot.server.unsigned == 2
+    assert bench.autopilot.server.links.refused == 2
     bench.send(arm, codec=signed(KEY, now))
     assert bench.logic.armed
     data = bench.autopilot.take_output("a")
@@ -558,6 +567,25 @@ def test_held_commands_are_let_go_when_the_companion_is_gone_or_time_stands():
     bench.send(arm)
     bench.tick(70)
     assert bench.logic.armed
+
+
+def test_a_companion_without_a_setpoint_tells_its_time_and_is_no_stream():
+    """Nobody waits for it, commands keep their place, and the last setpoint grows old."""
+    bench = Bench(lockstep=True).tick(6)
+    arm = dialect.MAVLink_command_long_message(1, 1, 400, 0, 1, 21196, 0, 0, 0, 0, 0)
+    clock = dialect.MAVLink_system_time_message
+    bench.send(clock(0, 5_000))  # of a stranger: no setpoint has come from there
+    assert bench.autopilot.server.stamp_ns == -1
+    bench.setpoint(stamp_ms=10)
+    bench.send(arm)
+    bench.send(clock(0, 20))
+    assert bench.autopilot.server.stamp_ns == 20_000_000
+    bench.tick(9)
+    assert not bench.logic.armed
+    bench.tick(1)
+    assert bench.logic.armed
+    stream = bench.stream
+    assert (stream.accepted, stream.refused, stream.stamp_ns) == (1, 0, 10_000_000)
 
 
 def test_a_setpoint_of_before_a_reset():

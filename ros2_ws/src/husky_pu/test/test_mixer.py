@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog, lsq_linear
 
 from husky_description.robot import load_robot
-from husky_pu.mixer import Mixer
-from husky_pu.propulsion_figures import armed_unit
+from husky_pu.autopilot.mixer import Mixer
+from husky_sim.propulsion.propulsion_figures import armed_unit
 
 ROBOT = load_robot()
 MIXER = Mixer(ROBOT)

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 from scipy.spatial.transform import Rotation
 
-from husky_pu.mavlink_client import ClientConfig, MavlinkClient
-from husky_pu.propulsion_bridge import BootClock, Kind, Limits, Setpoints, ThrustCommand
+from husky_pu.companion.bridge import BootClock, Kind, Limits, ThrustCommand, ThrustSetpoints
+from husky_pu.companion.client import ClientConfig, MavlinkClient
 
 LIMITS = Limits(collective=80.0, moment=(5.0, 4.0, 2.0), thrust_rate=100.0)
 PERIOD = 10_000_000
@@ -26,8 +26,8 @@ def wrench(stamp, thrust=0.0, moment=(0.0, 0.0, 0.0), **changes):
 
 def running():
     """Enabled, and with a command behind it."""
-    setpoints = Setpoints(LIMITS, enabled=True)
-    setpoints.take(wrench(0))
+    setpoints = ThrustSetpoints(LIMITS, enabled=True)
+    setpoints.convert(wrench(0))
     return setpoints
 
 
@@ -41,9 +41,9 @@ def on_the_wire(setpoint, boot_us=123_456_000):
 
 def test_a_wrench_on_the_wire_is_in_frd_and_normalised():
     setpoints = running()
-    setpoints.take(wrench(PERIOD, 1.0))
+    setpoints.convert(wrench(PERIOD, 1.0))
     for k in range(2, 60):
-        setpoint = setpoints.take(wrench(k * PERIOD, 40.0, (2.5, 1.0, -2.0)))
+        setpoint = setpoints.convert(wrench(k * PERIOD, 40.0, (2.5, 1.0, -2.0)))
     message = on_the_wire(setpoint)
     assert message.get_type() == "SET_ACTUATOR_CONTROL_TARGET"
     assert (message.time_usec, message.group_mlx) == (123_456_000, 0)
@@ -56,7 +56,7 @@ def test_an_attitude_on_the_wire_is_frd_to_ned_scalar_first():
     setpoints = running()
     rotation = Rotation.from_euler("xyz", [0.2, -0.1, 2.5])
     command = ThrustCommand(PERIOD, Kind.ATTITUDE, rotation.as_quat(), (0, 0, 0.5))
-    message = on_the_wire(setpoints.take(command))
+    message = on_the_wire(setpoints.convert(command))
     assert message.get_type() == "SET_ATTITUDE_TARGET"
     assert (message.time_boot_ms, message.type_mask) == (123_456, 7)
     swap, flip = np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1]]), np.diag([1, -1, -1])
@@ -69,24 +69,24 @@ def test_an_attitude_on_the_wire_is_frd_to_ned_scalar_first():
 
 
 def test_nothing_is_told_by_the_message_of_before():
-    setpoints = Setpoints(LIMITS, enabled=True)
-    message = on_the_wire(setpoints.take(ThrustCommand(0, Kind.NONE)))
+    setpoints = ThrustSetpoints(LIMITS, enabled=True)
+    message = on_the_wire(setpoints.convert(ThrustCommand(0, Kind.NONE)))
     assert message.get_type() == "SET_ATTITUDE_TARGET"
     assert (message.type_mask, message.thrust) == (128, 0.0)
-    setpoints.take(wrench(PERIOD, 0.5))
-    message = on_the_wire(setpoints.take(ThrustCommand(2 * PERIOD, Kind.NONE)))
+    setpoints.convert(wrench(PERIOD, 0.5))
+    message = on_the_wire(setpoints.convert(ThrustCommand(2 * PERIOD, Kind.NONE)))
     assert message.get_type() == "SET_ACTUATOR_CONTROL_TARGET"
     assert message.controls == [0.0] * 8
 
 
 def test_while_not_armed_the_stream_goes_on_without_thrust():
-    setpoints = Setpoints(LIMITS)
-    message = on_the_wire(setpoints.take(wrench(0, 40.0, (5.0, 0.0, 0.0))))
+    setpoints = ThrustSetpoints(LIMITS)
+    message = on_the_wire(setpoints.convert(wrench(0, 40.0, (5.0, 0.0, 0.0))))
     assert message.get_type() == "SET_ACTUATOR_CONTROL_TARGET"
     assert message.controls == [0.0] * 8
     half = math.sqrt(0.5)
     command = ThrustCommand(PERIOD, Kind.ATTITUDE, (0, 0, 0, 1), (0, 0, 40.0))
-    message = on_the_wire(setpoints.take(command))
+    message = on_the_wire(setpoints.convert(command))
     assert (message.type_mask, message.thrust) == (7, 0.0)
     assert message.q == pytest.approx([half, 0, 0, half])
 
@@ -109,7 +109,7 @@ BAD = [
 def test_a_bad_command_is_refused_whole(command, reason):
     setpoints = running()
     before = setpoints.newest
-    assert setpoints.take(command) is None
+    assert setpoints.convert(command) is None
     assert setpoints.refused == 1
     assert re.search(reason, setpoints.refusal)
     assert (setpoints.newest, setpoints.stamp_ns) == (before, 0)
@@ -118,7 +118,9 @@ def test_a_bad_command_is_refused_whole(command, reason):
 def test_rounding_is_no_reason_to_refuse():
     setpoints = running()
     for k in range(1, 200):
-        setpoint = setpoints.take(wrench(k * PERIOD, 80.0 * (1 + 1e-9), (5.0 * (1 + 1e-9), 0, 0)))
+        setpoint = setpoints.convert(
+            wrench(k * PERIOD, 80.0 * (1 + 1e-9), (5.0 * (1 + 1e-9), 0, 0))
+        )
     assert setpoint.thrust == 1.0
     assert setpoint.moment == (1.0, 0.0, 0.0)
 
@@ -140,7 +142,7 @@ def test_thrust_never_steps_up(steps):
     for since, kind, wanted, enabled in steps:
         stamp += since
         setpoints.enable(enabled)
-        setpoint = setpoints.take(
+        setpoint = setpoints.convert(
             ThrustCommand(stamp, kind, force=(0, 0, wanted), moment=(0.1, 0, 0))
         )
         now = setpoint.thrust * LIMITS.collective
@@ -155,23 +157,23 @@ def test_thrust_never_steps_up(steps):
 
 
 def test_moments_shrink_with_a_thrust_that_is_held_back():
-    setpoint = running().take(wrench(PERIOD, 40.0, (5.0, 0.0, 0.0)))
+    setpoint = running().convert(wrench(PERIOD, 40.0, (5.0, 0.0, 0.0)))
     assert setpoint.thrust == pytest.approx(1.0 / 80.0)
     assert setpoint.moment == pytest.approx((1.0 / 40.0, 0.0, 0.0))
 
 
 def test_the_same_stamp_gets_the_same_answer():
     setpoints = running()
-    first = setpoints.take(wrench(PERIOD, 5.0))
-    assert setpoints.take(wrench(PERIOD, 70.0)) is first
+    first = setpoints.convert(wrench(PERIOD, 5.0))
+    assert setpoints.convert(wrench(PERIOD, 70.0)) is first
     assert setpoints.accepted == 2
 
 
 def test_time_that_goes_back_begins_at_zero():
     setpoints = running()
     for k in range(1, 100):
-        setpoints.take(wrench(k * PERIOD, 80.0))
-    assert setpoints.take(wrench(0, 80.0)).thrust == pytest.approx(1.0 / 80.0)
+        setpoints.convert(wrench(k * PERIOD, 80.0))
+    assert setpoints.convert(wrench(0, 80.0)).thrust == pytest.approx(1.0 / 80.0)
 
 
 @given(

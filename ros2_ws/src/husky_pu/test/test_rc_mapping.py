@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from husky_description.pty_port import PtyPort
-from husky_pu.rc_mapping import FrameSchedule, JoyLayout, JoyQueue, RcMapping
-from husky_pu.sbus import BAUD, Channel, SbusParser, encode, frame_of_pulses
-from husky_pu.sbus_line import SbusLine
+from husky_pu.radio.rc_mapping import FrameSchedule, JoyLayout, JoyQueue, RcMapping
+from husky_pu.radio.sbus import BAUD, SbusChannel, SbusParser, encode, frame_of_pulses
+from husky_pu.radio.sbus_line import SbusLine
+from husky_runtime.ports.pty_port import PtyPort
 
 LAYOUT = JoyLayout(throttle=1, roll=3, pitch=4, yaw=0, arm=0, kill=1, mode=2)
 
@@ -22,15 +22,15 @@ def pulses(mapping, axes=(0.0,) * 5, buttons=(0, 0, 0), now=0.0):
 @pytest.mark.parametrize(
     ("axes", "channel", "pulse"),
     [
-        ((0, -1, 0, 0, 0), Channel.THROTTLE, 1000),
-        ((0, 0, 0, 0, 0), Channel.THROTTLE, 1500),
-        ((0, 1, 0, 0, 0), Channel.THROTTLE, 2000),
-        ((0, 0, 0, 1, 0), Channel.ROLL, 1000),
-        ((0, 0, 0, 0, 1), Channel.PITCH, 2000),
-        ((1, 0, 0, 0, 0), Channel.YAW, 1000),
-        ((0.01, 0, 0, 0, 0), Channel.YAW, 1500),
-        ((-0.5, 0, 0, 0, 0), Channel.YAW, 1500 + 500 * 0.48 / 0.98),
-        ((7.0, 0, 0, 0, 0), Channel.YAW, 1000),
+        ((0, -1, 0, 0, 0), SbusChannel.THROTTLE, 1000),
+        ((0, 0, 0, 0, 0), SbusChannel.THROTTLE, 1500),
+        ((0, 1, 0, 0, 0), SbusChannel.THROTTLE, 2000),
+        ((0, 0, 0, 1, 0), SbusChannel.ROLL, 1000),
+        ((0, 0, 0, 0, 1), SbusChannel.PITCH, 2000),
+        ((1, 0, 0, 0, 0), SbusChannel.YAW, 1000),
+        ((0.01, 0, 0, 0, 0), SbusChannel.YAW, 1500),
+        ((-0.5, 0, 0, 0, 0), SbusChannel.YAW, 1500 + 500 * 0.48 / 0.98),
+        ((7.0, 0, 0, 0, 0), SbusChannel.YAW, 1000),
     ],
 )
 def test_sticks(axes, channel, pulse):
@@ -41,7 +41,7 @@ def test_sticks(axes, channel, pulse):
 def test_a_throttle_that_springs_back_rests_at_none():
     mapping = RcMapping(LAYOUT, upper_half=True)
     for stick, pulse in ((-1.0, 1000), (0.0, 1000), (1.0, 2000)):
-        assert pulses(mapping, (0, stick, 0, 0, 0))[Channel.THROTTLE] == pulse
+        assert pulses(mapping, (0, stick, 0, 0, 0))[SbusChannel.THROTTLE] == pulse
 
 
 def test_switches_are_levels():
@@ -49,12 +49,12 @@ def test_switches_are_levels():
     for buttons in ((1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 1), (0, 0, 0)):
         found = pulses(mapping, buttons=buttons)
         wanted = tuple(2000 if button else 1000 for button in buttons)
-        assert (found[Channel.ARM], found[Channel.KILL], found[Channel.MODE]) == wanted
+        assert (found[SbusChannel.ARM], found[SbusChannel.KILL], found[SbusChannel.MODE]) == wanted
 
 
 def test_momentary_buttons_turn_switches_over():
     mapping = RcMapping(LAYOUT, momentary=True)
-    arm = [pulses(mapping, buttons=(b, 0, 0))[Channel.ARM] for b in (0, 1, 1, 0, 1, 0)]
+    arm = [pulses(mapping, buttons=(b, 0, 0))[SbusChannel.ARM] for b in (0, 1, 1, 0, 1, 0)]
     assert arm == [1000, 2000, 2000, 2000, 1000, 1000]
 
 
@@ -65,9 +65,9 @@ def test_silence_is_failsafe_with_throttle_low():
     assert not mapping.frame(10.5).failsafe
     frame = mapping.frame(10.51)
     assert frame.failsafe
-    assert frame.pulses[Channel.THROTTLE] == 1000
-    assert frame.pulses[Channel.ROLL] == 1500
-    assert frame.pulses[Channel.ARM] == 2000
+    assert frame.pulses[SbusChannel.THROTTLE] == 1000
+    assert frame.pulses[SbusChannel.ROLL] == 1500
+    assert frame.pulses[SbusChannel.ARM] == 2000
     mapping.restart(0.0)
     assert not mapping.frame(0.4).failsafe
     assert mapping.frame(0.6).failsafe

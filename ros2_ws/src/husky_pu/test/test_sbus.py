@@ -1,13 +1,15 @@
 """SBUS against a decoder of bit strings, and its parser against any bytes."""
 
+import itertools
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from husky_pu.sbus import (
+from husky_pu.radio.sbus import (
     FRAME_SIZE,
-    Channel,
     Frame,
+    SbusChannel,
     SbusParser,
     decode,
     encode,
@@ -45,7 +47,7 @@ def test_frames_agree_with_an_independent_decoder(frame):
 
 
 def test_a_frame_written_out_by_hand():
-    # Channel 1 all ones fills byte 1 and three bits of byte 2; channel 16 is the last 11 bits.
+    # SbusChannel 1 all ones fills byte 1 and three bits of byte 2; channel 16 is the last 11 bits.
     frame = Frame((2047, *[0] * 14, 1), failsafe=True)
     assert encode(frame).hex() == "0fff07" + "00" * 18 + "2000" + "0800"
 
@@ -95,6 +97,18 @@ def test_it_resynchronises_after_garbage(garbage, frame):
     assert parser.feed(encode(quiet) + encode(frame))[-1] == frame
 
 
+@pytest.mark.parametrize("throttle", range(1000, 2001, 50))
+def test_a_truncated_frame_and_the_next_make_no_false_one(throttle):
+    """No switch moves, no failsafe is seen; the frames behind it get through."""
+    for mode, arm, kill in itertools.product((1000, 1500, 2000), (1000, 2000), (1000, 2000)):
+        frame = frame_of_pulses([1480, 1500, throttle, 1500, mode, arm, kill])
+        data = encode(frame)
+        for size in range(1, FRAME_SIZE):
+            parser = SbusParser()
+            pieces = (data, data[:size], data, data, data)
+            assert [f for piece in pieces for f in parser.feed(piece)] == [frame] * 4
+
+
 def test_a_frame_with_a_byte_missing_costs_no_other():
     good = [frame_of_pulses([1000 + 7 * k, 1500, 1100]) for k in range(4)]
     broken = encode(good[1])[:10] + encode(good[1])[11:]
@@ -129,6 +143,6 @@ def test_missing_channels_are_centred():
 
 def test_channels_are_in_the_order_that_the_document_says():
     names = ["ROLL", "PITCH", "THROTTLE", "YAW", "MODE", "ARM", "KILL"]
-    assert [(channel.name, int(channel)) for channel in Channel] == list(
+    assert [(channel.name, int(channel)) for channel in SbusChannel] == list(
         zip(names, range(7), strict=True)
     )

@@ -1,8 +1,8 @@
 """The line of the radio's frames on a pseudo-terminal."""
 
-from husky_description.pty_port import PtyPort
-from husky_pu.sbus import BAUD
-from husky_pu.sbus_line import SbusLine
+from husky_pu.radio.sbus import BAUD
+from husky_pu.radio.sbus_line import SbusLine
+from husky_runtime.ports.pty_port import PtyPort
 
 FRAME = bytes(range(25))
 

@@ -8,16 +8,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from husky_description.gimbal import Gimbal, axis
 from husky_description.robot import load_robot
-from husky_pu.autopilot import Autopilot, AutopilotConfig, SensorSample
-from husky_pu.autopilot_imu import NO_ERRORS
-from husky_pu.failsafes import FlightMode
-from husky_pu.gimbal import Gimbal, axis
-from husky_pu.mavlink_client import ClientConfig, MavlinkClient
-from husky_pu.mixer import Mixer
-from husky_pu.propulsion_bridge import Kind, Limits, Setpoints, ThrustCommand
-from husky_pu.propulsion_force import ForceEstimate
-from husky_pu.propulsion_unit import PropulsionUnit
+from husky_pu.autopilot.autopilot import Autopilot, AutopilotConfig, SensorSample
+from husky_pu.autopilot.failsafes import FlightMode
+from husky_pu.autopilot.imu import NO_ERRORS
+from husky_pu.autopilot.mixer import Mixer
+from husky_pu.companion.bridge import Kind, Limits, ThrustCommand, ThrustSetpoints
+from husky_pu.companion.client import ClientConfig, MavlinkClient
+from husky_pu.companion.propulsion_force import ForceEstimate
+from husky_sim.propulsion.propulsion_unit import PropulsionUnit
 
 ROBOT = load_robot(fans__mounting="vectoring")
 MIXER = Mixer(ROBOT)
@@ -40,7 +40,7 @@ class Chain:
         )
         self.client = MavlinkClient(ClientConfig())
         limits = Limits(80.0, list(mixer.moment_scale), 80.0, gimbal is not None)
-        self.setpoints = Setpoints(limits, enabled=True)
+        self.setpoints = ThrustSetpoints(limits, enabled=True)
         self.unit = PropulsionUnit(robot)
         self.estimate = ForceEstimate(robot)
         self.tilt = self.told = (0.0, 0.0)
@@ -100,7 +100,7 @@ class Chain:
             self.client.heartbeat(self.now)
             if self.command is not None:
                 kind, force, moment = self.command
-                setpoint = self.setpoints.take(
+                setpoint = self.setpoints.convert(
                     ThrustCommand(self.time, kind, force=force, moment=moment)
                 )
                 if setpoint is not None and self.client.connected:
@@ -138,8 +138,8 @@ def test_the_force_that_is_asked_for_is_made_and_told(force):
 
 @given(st.lists(st.floats(-40, 40), min_size=3, max_size=3), st.booleans())
 def test_what_goes_on_the_wire_is_the_force_in_frd(force, armed):
-    setpoints = Setpoints(Limits(80.0, (5.0, 4.0, 2.0), 1e9, True), enabled=armed)
-    setpoint = setpoints.take(ThrustCommand(0, Kind.WRENCH, force=force))
+    setpoints = ThrustSetpoints(Limits(80.0, (5.0, 4.0, 2.0), 1e9, True), enabled=armed)
+    setpoint = setpoints.convert(ThrustCommand(0, Kind.WRENCH, force=force))
     client = MavlinkClient(ClientConfig(target_system=1))
     setpoint.send(client, 1000)
     (message,) = client.reader.feed(client.take_output())
@@ -151,15 +151,15 @@ def test_what_goes_on_the_wire_is_the_force_in_frd(force, armed):
 
 
 def test_a_moment_goes_with_a_force_along_z_alone():
-    setpoints = Setpoints(Limits(80.0, (5.0, 4.0, 2.0), 80.0, True), enabled=True)
+    setpoints = ThrustSetpoints(Limits(80.0, (5.0, 4.0, 2.0), 80.0, True), enabled=True)
     moment = (1.0, 0.0, 0.0)
     good = ThrustCommand(0, Kind.WRENCH, force=(0, 0, 20.0), moment=moment)
-    assert setpoints.take(good).as_wrench
+    assert setpoints.convert(good).as_wrench
     for force in ((1.0, 0, 20.0), (0, 0, -20.0)):
         bad = ThrustCommand(10_000_000, Kind.WRENCH, force=force, moment=moment)
-        assert setpoints.take(bad) is None and "moment beside a force" in setpoints.refusal
+        assert setpoints.convert(bad) is None and "moment beside a force" in setpoints.refusal
     long = ThrustCommand(10_000_000, Kind.WRENCH, force=(60.0, 0, 60.0))
-    assert setpoints.take(long) is None and "84.8528 N" in setpoints.refusal
+    assert setpoints.convert(long) is None and "84.8528 N" in setpoints.refusal
 
 
 def test_fixed_fans_take_the_part_along_z_and_say_so():

@@ -1,1 +1,1 @@
-"""The world on the far side of the wires: MuJoCo plant, drives, IMU emulator."""
+"""Simulated world: MuJoCo plant, propulsion, emulated devices."""

@@ -7,9 +7,8 @@ unit. A rope pulls when it is taut and never pushes: a one-sided limit of a spat
 
 from __future__ import annotations
 
-import mujoco
-
 from husky_description.gantry import GantryOptions
+from husky_description.plain_mujoco import mujoco
 
 TROLLEY = "trolley"
 """Name of the trolley's body, joint and actuator."""
@@ -68,6 +67,18 @@ def add_gantry(spec: mujoco.MjSpec, options: GantryOptions) -> None:
         conaffinity=0,
         group=2,
     )
+    _add_ropes(spec, trolley, options)
+    servo = spec.add_actuator(name=TROLLEY, target=TROLLEY, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+    servo.set_to_position(kp=_STIFFNESS, kv=2.0 * (_STIFFNESS * _MASS) ** 0.5)
+    servo.ctrllimited = mujoco.mjtLimited.mjLIMITED_TRUE
+    servo.ctrlrange = [-RAIL, RAIL]
+    for key in spec.keys:  # which know nothing of the trolley yet
+        key.qpos = [*key.qpos, 0.0]
+        key.ctrl = [*key.ctrl, 0.0]
+
+
+def _add_ropes(spec: mujoco.MjSpec, trolley: mujoco.MjsBody, options: GantryOptions) -> None:
+    """Hang the body in two ropes, each from an end of the beam."""
     base = spec.body("base")
     for name, side in zip(ROPES, (1.0, -1.0), strict=True):
         trolley.add_site(name=f"{name}_top", pos=[0.0, side * options.span / 2, 0.0], group=4)
@@ -83,13 +94,6 @@ def add_gantry(spec: mujoco.MjSpec, options: GantryOptions) -> None:
         )
         rope.wrap_site(f"{name}_top")
         rope.wrap_site(f"{name}_end")
-    servo = spec.add_actuator(name=TROLLEY, target=TROLLEY, trntype=mujoco.mjtTrn.mjTRN_JOINT)
-    servo.set_to_position(kp=_STIFFNESS, kv=2.0 * (_STIFFNESS * _MASS) ** 0.5)
-    servo.ctrllimited = mujoco.mjtLimited.mjLIMITED_TRUE
-    servo.ctrlrange = [-RAIL, RAIL]
-    for key in spec.keys:  # which know nothing of the trolley yet
-        key.qpos = [*key.qpos, 0.0]
-        key.ctrl = [*key.ctrl, 0.0]
 
 
 class Gantry:
@@ -104,11 +108,7 @@ class Gantry:
         self._target = 0.0
 
     def move_to(self, position: float) -> None:
-        """Send the trolley to a position along x [m]; it rolls there at `TROLLEY_SPEED`.
-
-        Raises:
-            ValueError: beyond the rail.
-        """
+        """Send the trolley along x [m], at `TROLLEY_SPEED`; raises ValueError beyond the rail."""
         if not abs(position) <= RAIL:
             raise ValueError(f"trolley is sent to {position} m, the rail is {RAIL} m either way")
         self._target = float(position)

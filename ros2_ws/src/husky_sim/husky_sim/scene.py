@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-import mujoco
-
 from husky_description.gantry import GantryOptions
-from husky_description.graph import BODIES, TICK_PERIOD_NS
 from husky_description.ground import GROUND_PRESETS, GroundModel
 from husky_description.mujoco_model import build_spec, build_unit_spec
+from husky_description.plain_mujoco import mujoco
 from husky_description.robot import Robot
+from husky_runtime.graph import BODIES, TICK_PERIOD_NS
 from husky_sim import terrain
-from husky_sim.fans_in_world import add_autopilot
 from husky_sim.gantry import add_gantry
+from husky_sim.propulsion.fans_in_world import add_autopilot
 
 HOLD = "hold"
 """Name of the equality that holds the base in place."""
@@ -65,7 +64,7 @@ class WorldOptions:
         timestep: physics step [s]; must divide the tick of 2 ms.
         keyframe: initial posture, "sit" or "stand".
         seed: of terrain and devices.
-        body: one of `husky_description.graph.BODIES`.
+        body: one of `husky_runtime.graph.BODIES`.
         gantry: the gantry over it, or None.
         start_height: added to the keyframe's height [m], to hang in the ropes, say.
         start_distance: where the robot starts, along the ground's surface from x = 0 [m]; it stands
@@ -86,11 +85,7 @@ class WorldOptions:
     start_held: bool = False
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be simulated.
-
-        Raises:
-            ValueError: naming the option, its value and what is allowed.
-        """
+        """Raise ValueError for what cannot be simulated: its name, value, what is allowed."""
         if self.contact not in CONTACT_PRESETS:
             raise ValueError(
                 f"contact is {self.contact!r}, it must be one of {', '.join(CONTACT_PRESETS)}"

@@ -1,14 +1,15 @@
-"""Grounds that the robot can be put on: flat, slope, ramp, tiles, steps."""
+"""Grounds that the robot can be put on: flat, slope, ramp, tiles, steps, gap."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 
-from husky_description.ramp import Ramp, SurfacePoint
+from husky_description.plain_mujoco import mujoco
+from husky_sim.gap import DEPTH, Gap
+from husky_sim.ramp import Ramp, SurfacePoint
 
 FLOOR = "floor"
 """Name of the ground plane's geom; other terrain geoms are named floor_0, floor_1, ..."""
@@ -25,13 +26,13 @@ class TerrainOptions:
         kind: one of `KINDS`.
         slope: inclination of the slope about the base's y axis, uphill along +x [rad]; a ramp's
             is not negative.
-        height: greatest tile height, or height of one step [m].
-        size: edge of a tile, or depth of one step [m].
+        height: greatest tile height, or height of one step, or of the step behind a gap [m].
+        size: edge of a tile, or depth of one step, or width of a gap along +x [m].
         length: how far tiles and steps reach along +x, from 0.8 m before the robot's start [m]; of
             the straight slope of a ramp.
-        approach: flat ground before a ramp [m].
+        approach: flat ground before a ramp or a gap [m].
         blend: radius of the arcs at its foot and its crest [m].
-        top: flat ground at its top [m].
+        top: flat ground at its top, or behind a gap [m].
     """
 
     kind: str = "flat"
@@ -44,11 +45,7 @@ class TerrainOptions:
     top: float = 4.0
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be built.
-
-        Raises:
-            ValueError: naming the option, its value and what is allowed.
-        """
+        """Raise ValueError for what cannot be built: its name, value, what is allowed."""
         if self.kind not in KINDS:
             raise ValueError(f"terrain is {self.kind!r}, it must be one of {', '.join(KINDS)}")
         for name, lower, upper in (
@@ -73,6 +70,11 @@ class TerrainOptions:
         """The surface of a ramp of these measures; raises ValueError for a negative slope."""
         return Ramp(self.slope, self.approach, self.blend, self.length, self.top)
 
+    @property
+    def gap(self) -> Gap:
+        """The surface of a gap of these measures."""
+        return Gap(self.approach, self.size, self.height, self.top)
+
     def at(self, distance: float) -> SurfacePoint:
         """Return the point of the surface at a length along it from x = 0 [m].
 
@@ -80,6 +82,8 @@ class TerrainOptions:
         """
         if self.kind == "ramp":
             return self.ramp.at(distance)
+        if self.kind == "gap":
+            return SurfacePoint(distance, self.gap.height(distance), 0.0)
         angle = self.slope if self.kind == "slope" else 0.0
         return SurfacePoint(distance * np.cos(angle), distance * np.sin(angle), angle)
 
@@ -95,11 +99,12 @@ def build(spec: mujoco.MjSpec, options: TerrainOptions, seed: int) -> None:
     KINDS_TABLE[options.kind](spec, options, np.random.default_rng(seed))
 
 
-def _plane(spec: mujoco.MjSpec, quat: list[float]) -> None:
+def _plane(spec: mujoco.MjSpec, quat: list[float], height: float = 0.0) -> None:
     spec.worldbody.add_geom(
         name=FLOOR,
         type=mujoco.mjtGeom.mjGEOM_PLANE,
         size=[0.0, 0.0, 0.05],
+        pos=[0.0, 0.0, height],
         quat=quat,
         material="ground",
     )
@@ -179,6 +184,20 @@ def _steps(spec: mujoco.MjSpec, options: TerrainOptions, rng: np.random.Generato
         _box(spec, step, (start + depth / 2, 0.0), (depth, 4.0), (step + 1) * options.height)
 
 
+def _gap(spec: mujoco.MjSpec, options: TerrainOptions, rng: np.random.Generator) -> None:
+    """Ground on both sides of a pit, 4 m wide, the far side higher."""
+    _plane(spec, [1.0, 0.0, 0.0, 0.0], -DEPTH)
+    for index, (start, end, top) in enumerate(options.gap.blocks):
+        half = (end - start) / 2, 2.0, (top + DEPTH) / 2
+        spec.worldbody.add_geom(
+            name=f"{FLOOR}_{index}",
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            pos=[start + half[0], 0.0, top - half[2]],
+            size=list(half),
+            material="tile",
+        )
+
+
 Builder = Callable[[mujoco.MjSpec, TerrainOptions, np.random.Generator], None]
 
 KINDS_TABLE: dict[str, Builder] = {
@@ -187,6 +206,7 @@ KINDS_TABLE: dict[str, Builder] = {
     "ramp": _ramp,
     "tiles": _tiles,
     "steps": _steps,
+    "gap": _gap,
 }
 """Builder of each kind of ground: a new terrain is a function and a row here."""
 

@@ -3,28 +3,34 @@
 from __future__ import annotations
 
 import hashlib
+import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
-import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
-from husky_description.graph import TICK_PERIOD_NS
+from husky_description.arrays import Array
+from husky_description.plain_mujoco import mujoco
 from husky_description.robot import Robot
-from husky_sim.fans_in_world import FansInWorld
+from husky_runtime.graph import TICK_PERIOD_NS
+from husky_sim.devices.bus_servos.motors import BusServoMotors
+from husky_sim.devices.drives.motor import Servos, ServoTiming
 from husky_sim.gantry import Gantry
-from husky_sim.motor import Servos, ServoTiming
+from husky_sim.propulsion.fans_in_world import FansInWorld
+from husky_sim.propulsion.propellers_in_world import propulsion_of
 from husky_sim.scene import HOLD, WorldOptions, build_scene
-
-Array = NDArray[np.float64]
 
 IMU_PERIOD_NS = 1_250_000
 """Period of the VN-200's output [ns]: 800 Hz (thesis T4)."""
 POSE_PERIOD_NS = 5_000_000
 """Period of the T265's poses [ns]: 200 Hz (thesis T4)."""
+AIR_DENSITY, AIR_VISCOSITY = 1.204, 1.82e-5
+"""Of air that moves, at 20 deg C [kg/m^3, Pa s]."""
+STRONGEST_WIND = 20.0
+"""Greatest part of the wind along an axis [m/s]."""
 
 
-class ImuSample(NamedTuple):
+class TrueImuSample(NamedTuple):
     """What an ideal IMU at the robot's IMU site feels; plain floats, because it is hot.
 
     Attributes:
@@ -58,6 +64,13 @@ class PoseSample(NamedTuple):
     angular_velocity: list[float]
 
 
+def _make_servos(robot: Robot, options: WorldOptions) -> Servos | BusServoMotors:
+    """Return what moves the robot's joints: the kind that its parameter file has."""
+    if robot.legs_carry_propellers:
+        return BusServoMotors(robot.bus_servo, len(robot.joint_names), options.timestep)
+    return Servos(robot, ServoTiming(step=options.timestep), options.seed)
+
+
 class World:
     """The simulated world, advanced by ticks of 2 ms.
 
@@ -66,9 +79,10 @@ class World:
         data: its state.
         scene_xml: the world as MuJoCo XML, to look at or to render recordings with.
         time_ns: simulated time [ns].
-        servos: the drives' power stages, evaluated between physics steps.
+        servos: the drives' power stages, or the servos of a bus, evaluated between physics steps.
         fans: the propulsion unit, or None.
         gantry: the gantry, or None.
+        slid: way that each foot has slid over what it touches, see `measure_sliding` [m] (4,).
     """
 
     def __init__(self, robot: Robot, options: WorldOptions):
@@ -79,7 +93,7 @@ class World:
         self.model = spec.compile()
         self.scene_xml = spec.to_xml()
         self.data = mujoco.MjData(self.model)
-        self.servos = Servos(robot, ServoTiming(step=options.timestep), options.seed)
+        self.servos = _make_servos(robot, options)
         self._substeps = round(TICK_PERIOD_NS / 1e9 / options.timestep)
         self._step_ns = TICK_PERIOD_NS // self._substeps
         self._base = self.model.body("base").id
@@ -90,7 +104,7 @@ class World:
         if self.has_legs:
             self.servos.torque = self.data.ctrl[:12]
         unit = options.body != "robot"
-        self.fans = FansInWorld(robot, self.model, self.data) if unit else None
+        self.fans = propulsion_of(robot, self.model, self.data) if unit else None
         self.gantry = (
             Gantry(self.model, self.data, options.gantry) if options.gantry is not None else None
         )
@@ -130,6 +144,7 @@ class World:
         self.poses: list[PoseSample] = []
         self._push_until_ns = 0
         self._push_body = self._base
+        self.slid = [0.0] * 4
         self._hash = hashlib.sha256()
         self.servos.reset()
         self.servos.update_state(self.joint_position)
@@ -159,9 +174,9 @@ class World:
         """Whether the base is held in place."""
         return bool(self.data.eq_active[self._hold])
 
-    def step_tick(self) -> list[ImuSample]:
+    def step_tick(self) -> list[TrueImuSample]:
         """Advance by 2 ms; return the IMU samples that were due meanwhile."""
-        samples: list[ImuSample] = []
+        samples: list[TrueImuSample] = []
         model, data, servos = self.model, self.data, self.servos
         position, velocity = self.joint_position, self.joint_velocity
         if self._push_until_ns and self.time_ns >= self._push_until_ns:
@@ -194,17 +209,20 @@ class World:
         self._hash.update(data.qvel)
         return samples
 
-    def _imu_sample(self) -> ImuSample:
+    def _imu_sample(self) -> TrueImuSample:
         time_ns = self._next_imu_ns
         self._next_imu_ns += IMU_PERIOD_NS
         w, x, y, z = self._imu_orientation.tolist()
-        return ImuSample(
+        return TrueImuSample(
             time_ns, (x, y, z, w), self._imu_gyro.tolist(), self._imu_accelerometer.tolist()
         )
 
     def _power_drives(self, fans: FansInWorld) -> None:
         """The drives hang on the unit's battery: its voltage is theirs, their power its load."""
         self.servos.bus_voltage = fans.unit.battery_voltage
+        if isinstance(self.servos, BusServoMotors):
+            self._drives_power = self.servos.power
+            return
         power = float(self.data.ctrl[:12] @ self.joint_velocity) if self.has_legs else 0.0
         self._drives_power = max(0.0, power)
 
@@ -239,6 +257,30 @@ class World:
         self.data.xfrc_applied[self._push_body] = wrench
         ticks = int(np.ceil(duration * 1e9 / TICK_PERIOD_NS - 1e-9))
         self._push_until_ns = self.time_ns + ticks * TICK_PERIOD_NS
+
+    def blow(self, wind: Sequence[float]) -> None:
+        """Let the air move from now on; without wind the air is left out, as it is at the start.
+
+        Bodies feel MuJoCo's forces of a fluid on boxes of their inertia, propellers on legs a force
+        across their axes, too.
+
+        Args:
+            wind: in world [m/s] (3,).
+
+        Raises:
+            ValueError: it is not three numbers up to `STRONGEST_WIND`.
+        """
+        air = np.array(wind, float)
+        if air.shape != (3,) or not np.all(np.abs(air) <= STRONGEST_WIND):
+            raise ValueError(
+                f"wind is {list(wind)}, it must be 3 numbers of at most {STRONGEST_WIND:g} m/s"
+            )
+        option, moves = self.model.opt, bool(air.any())
+        option.wind[:] = air
+        option.density = AIR_DENSITY if moves else 0.0
+        option.viscosity = AIR_VISCOSITY if moves else 0.0
+        if self.fans is not None:
+            self.fans.wind = air if moves else None
 
     @property
     def trajectory_sha256(self) -> str:
@@ -307,6 +349,24 @@ class World:
                     normals[leg] += sign * wrench[0] * frame[0]
         lengths = np.linalg.norm(normals, axis=1, keepdims=True)
         return forces, np.divide(normals, lengths, out=normals, where=lengths > 0.0)
+
+    def measure_sliding(self) -> None:
+        """Add to `slid` what the feet slide in this tick; to be called once a tick.
+
+        The first of a contact's rows in MuJoCo's constraint space is its normal, the next two its
+        tangents, so that their velocities are those of the point in contact: a foot that rolls
+        does not slide.
+        """
+        data = self.data
+        velocity = data.efc_vel
+        for index in range(data.ncon):
+            contact = data.contact[index]
+            feet = self._foot_geoms
+            leg = feet.get(contact.geom1, feet.get(contact.geom2))
+            row = contact.efc_address
+            if leg is not None and row >= 0:
+                sliding = math.hypot(velocity[row + 1], velocity[row + 2])
+                self.slid[leg] += sliding * TICK_PERIOD_NS / 1e9
 
     def foot_forces(self) -> Array:
         """Return the force of everything on each foot, in world [N], shape (4, 3)."""

@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from husky_description.gravity import GRAVITY
 from husky_description.robot import load_robot
-from husky_sim.fans_in_world import MAGNETIC_FIELD
+from husky_sim.propulsion.fans_in_world import MAGNETIC_FIELD
 from husky_sim.world import POSE_PERIOD_NS, World, WorldOptions
 
-GRAVITY = 9.81
 LOW, SOME = 1000.0, 1400.0
 
 
@@ -178,7 +178,7 @@ def test_a_vectored_force_acts_at_the_centre_of_mass(told):
     assert np.linalg.norm(impulse) > 1.5
     np.testing.assert_allclose(
         VECTORED.mass * (after - before),
-        impulse + (0.0, 0.0, -0.1 * 9.81 * VECTORED.mass),
+        impulse + (0.0, 0.0, -0.1 * GRAVITY * VECTORED.mass),
         atol=0.03 * np.linalg.norm(impulse),
     )
     # A lever of 1 cm would give 0.016 N m s here.

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from husky_description.gantry import GantryOptions
+from husky_description.gravity import GRAVITY
 from husky_description.robot import load_robot
 from husky_sim.gantry import RAIL
 from husky_sim.world import World, WorldOptions
@@ -42,7 +43,7 @@ def test_ropes_pull_and_never_push():
     before = world.data.qvel[2]
     run(world, 0.01)
     assert world.gantry.taut() == (False, False)
-    assert world.data.qvel[2] - before == pytest.approx(-9.81 * 0.01, rel=1e-3), "free fall"
+    assert world.data.qvel[2] - before == pytest.approx(-GRAVITY * 0.01, rel=1e-3), "free fall"
 
 
 def test_the_trolley_takes_the_unit_along():

@@ -8,10 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from husky_description.robot import load_robot
-from husky_sim.motor import OFF, POSITION, TORQUE, VELOCITY, Servos, ServoTiming
+from husky_sim.devices.drives.motor import Servos, ServoTiming
+from husky_sim.devices.drives.servo_law import OFF, POSITION, TORQUE, VELOCITY
 
 ROBOT = load_robot()
 EXACT = load_robot(encoder__accuracy=0.0)  # no turn error
+STRONG = load_robot(encoder__accuracy=0.0, drive__peak_current=200.0)  # the supply limits it
+PEAK_CURRENT = 22.0  # A
 COUNTS = ROBOT.encoder_counts_per_joint_turn / (2 * math.pi)  # per joint radian
 QUANTUM = 1 / COUNTS
 KP, KD = 300.0, 4.0
@@ -26,7 +29,7 @@ def command(servos, kind, position=0.0, velocity=0.0, torque=0.0, kp=KP, kd=KD, 
     def full(value):
         return np.full(12, float(value))
 
-    servos.set_command(
+    return servos.set_command(
         np.full(12, kind, np.uint8),
         full(position),
         full(velocity),
@@ -35,6 +38,9 @@ def command(servos, kind, position=0.0, velocity=0.0, torque=0.0, kp=KP, kd=KD, 
         full(kd),
         full(limit),
     )
+
+
+SHARED = make()
 
 
 def still(servos, position, steps=1):
@@ -50,7 +56,7 @@ def still(servos, position, steps=1):
 )
 @settings(max_examples=50)
 def test_static_torque_is_kp_times_error(position, error, kp):
-    servos = make()
+    servos = make(STRONG)
     command(servos, POSITION, position + error, kp=kp, limit=1e3)
     torque = still(servos, position, 4)
     assert torque == pytest.approx(np.full(12, kp * error), abs=kp * QUANTUM / 2 + 1e-9)
@@ -139,7 +145,7 @@ def test_mean_torque_of_a_physics_step():
 
 @pytest.mark.parametrize("volts", [22.2, 16.0])
 def test_torque_falls_linearly_with_speed(volts):
-    servos = make()
+    servos = make(STRONG)
     servos.bus_voltage = volts
     motor = EXACT.motor
     no_load = motor.speed_constant * volts / 30  # rad/s at the joint
@@ -228,11 +234,77 @@ def test_watchdog_of_100_ms():
     assert still(servos, 0.0).all()
 
 
-def test_numbers_that_are_not_finite_make_no_torque():
+ANYTHING = st.floats() | st.sampled_from((1e308, -1e308, 1e9, -1e9, 200.0, -200.0))
+NUMBERS = st.tuples(st.integers(0, 255), *[ANYTHING] * 6)
+NO_LOAD = 39.79 * 22.2 / 30  # rad/s at the joint; beyond it the motor is a generator
+
+
+@given(st.lists(NUMBERS, min_size=1, max_size=4), st.floats(-NO_LOAD, NO_LOAD))
+@settings(max_examples=200)
+def test_no_command_makes_more_than_the_drives_peak_current(commands, joint_velocity):
+    """Nor does what came before spoil a good command."""
+    servos = SHARED
+    servos.reset()
+    for numbers in commands:
+        kind, *values = numbers
+        taken = command(servos, kind, *values)
+        assert taken == (kind <= TORQUE and all(map(math.isfinite, values)))
+        for _ in range(5):
+            servos.step(np.full(12, 0.3), np.full(12, joint_velocity))
+            servos.update_state(np.full(12, 0.3))
+            assert np.abs(servos.current).max() <= PEAK_CURRENT * (1 + 1e-12)
+    for _ in range(2):
+        assert command(servos, TORQUE, torque=-1.0)
+        still(servos, 0.3, 4)
+    assert still(servos, 0.3) == pytest.approx(np.full(12, -1.0))
+
+
+def test_limits_are_the_drives_own_whatever_a_command_says():
     servos = make()
-    for field in ("position", "velocity", "torque", "kp", "kd"):
-        command(servos, POSITION, **{field: math.nan})
-        assert not still(servos, 0.3, 3).any()
+    command(servos, TORQUE, torque=200.0, limit=200.0)
+    assert still(servos, 0.0) == pytest.approx(np.full(12, PEAK_CURRENT * TORQUE_PER_AMPERE))
+    command(servos, POSITION, 1e9, velocity=1e9, kp=1e9, kd=1e9, limit=-1.0)
+    records = servos.records
+    assert not still(servos, 0.0).any()
+    assert records["end_position"] == pytest.approx(np.full(12, 2.0**31 * QUANTUM))
+    assert (records["end_velocity"] == ROBOT.joint_velocity_limit).all()
+    assert (records["kp"] == 1000.0).all() and (records["kd"] == 50.0).all()
+
+
+IN_RANGE = st.tuples(
+    st.sampled_from((OFF, POSITION, VELOCITY, TORQUE)),
+    st.floats(-10.0, 10.0),  # rad
+    st.floats(-29.7, 29.7),  # rad/s
+    st.floats(-10.0, 10.0),  # N m
+    st.floats(0.0, 1000.0),
+    st.floats(0.0, 50.0),
+    st.floats(0.0, 10.0),  # N m
+)
+
+
+@given(IN_RANGE)
+def test_a_command_within_the_limits_is_followed_to_the_bit(numbers):
+    servos = SHARED
+    servos.reset()
+    assert command(servos, *numbers)
+    record = servos.records[0]
+    names = ("kind", "end_position", "end_velocity", "end_torque", "kp", "kd", "torque_limit")
+    assert tuple(record[name] for name in names) == numbers
+
+
+def test_a_command_that_is_none_changes_nothing():
+    servos = make()
+    command(servos, TORQUE, torque=3.0)
+    still(servos, 0.0, 4)
+    before = servos.records.copy()
+    good = (POSITION, 0.1, 0.0, 0.0, KP, KD, 10.0)
+    for index in range(1, 7):
+        for bad in (math.nan, math.inf, -math.inf):
+            numbers = [np.full(12, value) for value in good]
+            numbers[index][7] = bad  # one joint of twelve
+            assert not servos.set_command(numbers[0].astype(np.uint8), *numbers[1:])
+    assert not command(servos, TORQUE + 1)
+    assert (servos.records == before).all()
 
 
 def test_reset_forgets():

@@ -8,13 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from husky_description.robot import load_robot
-from husky_drivers.axes import settings_of
-from husky_drivers.bus import Bus
-from husky_drivers.cia402 import State
-from husky_drivers.master import Master
-from husky_drivers.phases import Phase
-from husky_sim.motor import Servos
-from husky_sim.segment import SimulatedSegment
+from husky_drivers.ethercat.axes import settings_of
+from husky_drivers.ethercat.bus import Bus
+from husky_drivers.ethercat.cia402 import DriveState
+from husky_drivers.ethercat.master import Master
+from husky_drivers.joint_master.phase import Phase
+from husky_sim.devices.drives.motor import Servos
+from husky_sim.devices.drives.segment import SimulatedSegment
 
 TICK, STEP = 0.002, 0.0005
 ROBOT = load_robot()
@@ -185,7 +185,7 @@ def test_bridge_dies(joints):
 def test_master_stalls(joints):
     for _ in range(25):
         joints.pass_time()
-    assert joints.segment.states() == [State.FAULT] * 12
+    assert joints.segment.states() == [DriveState.FAULT] * 12
     assert not joints.segment.servo_command()["kind"].any()
     assert joints.segment.al_status_code(0) == 0x001B
 
@@ -193,13 +193,13 @@ def test_master_stalls(joints):
 @pytest.mark.parametrize(
     ("fault", "sto_state"),
     [
-        ("fault:8611", State.SWITCH_ON_DISABLED),
-        ("fault:2340", State.SWITCH_ON_DISABLED),
-        ("silent", State.SWITCH_ON_DISABLED),
-        ("disturbed_timing", State.SWITCH_ON_DISABLED),
-        ("sto", State.SWITCH_ON_DISABLED),
-        ("sto", State.SWITCHED_ON),
-        ("sto", State.FAULT),
+        ("fault:8611", DriveState.SWITCH_ON_DISABLED),
+        ("fault:2340", DriveState.SWITCH_ON_DISABLED),
+        ("silent", DriveState.SWITCH_ON_DISABLED),
+        ("disturbed_timing", DriveState.SWITCH_ON_DISABLED),
+        ("sto", DriveState.SWITCH_ON_DISABLED),
+        ("sto", DriveState.SWITCHED_ON),
+        ("sto", DriveState.FAULT),
     ],
 )
 def test_every_fault_stops_the_robot_and_it_stands_again(joints, fault, sto_state):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from husky_description.gravity import GRAVITY
 from husky_description.robot import load_robot
 from husky_msgs.msg import ServoCommand
 from husky_sim import terrain
@@ -15,7 +16,7 @@ from husky_sim.terrain import TerrainOptions
 from husky_sim.world import World
 
 ROBOT = load_robot()
-WEIGHT = ROBOT.mass * 9.81
+WEIGHT = ROBOT.mass * GRAVITY
 
 
 def world(degrees, distance=4.0, kind="ramp", held=False, **options):
@@ -28,14 +29,14 @@ def world(degrees, distance=4.0, kind="ramp", held=False, **options):
     )
 
 
-def run(world, seconds):
-    """Stand, by the drives' own servos; a command ends when it is not renewed."""
+def run(world, seconds, posture=ROBOT.stand_joint_position):
+    """Hold a posture, by the drives' own servos; a command ends when it is not renewed."""
     none = np.zeros(12)
     gains = np.full(12, ROBOT.servo.kp), np.full(12, ROBOT.servo.kd)
     for _ in range(round(seconds / 0.002)):
         world.servos.set_command(
             np.full(12, ServoCommand.POSITION),
-            ROBOT.stand_joint_position,
+            posture,
             none,
             none,
             *gains,
@@ -85,7 +86,8 @@ def test_held_it_stays_on_a_wall_and_released_it_falls():
     assert w.held
     np.testing.assert_allclose(w.base_position, start, atol=2e-3)
     # Hands carry the weight: an accelerometer in the base feels it.
-    assert np.linalg.norm(w.data.sensor("imu_accelerometer").data) == pytest.approx(9.81, rel=0.02)
+    felt = np.linalg.norm(w.data.sensor("imu_accelerometer").data)
+    assert felt == pytest.approx(GRAVITY, rel=0.02)
     w.hold(False)
     run(w, 0.3)
     assert not w.held and w.base_position[2] < start[2] - 0.3
@@ -116,8 +118,8 @@ def test_a_ball_slides_up_the_foot_of_the_slope_without_a_jump():
         assert data.time < 1.0
         height = data.qpos[2] - ROBOT.foot_radius
         assert data.ncon or height < 0.0015 + on_slope.z  # it stays on the ground
-    energy = 0.5 * float(data.qvel[:3] @ data.qvel[:3]) + 9.81 * float(data.qpos[2])
-    start = 0.5 * 16.0 + 9.81 * ROBOT.foot_radius
+    energy = 0.5 * float(data.qvel[:3] @ data.qvel[:3]) + GRAVITY * float(data.qpos[2])
+    start = 0.5 * 16.0 + GRAVITY * ROBOT.foot_radius
     assert 0.95 * start < energy < 1.001 * start
     assert math.degrees(math.atan2(data.qvel[2], data.qvel[0])) == pytest.approx(30.0, abs=1.5)
 
@@ -129,3 +131,32 @@ def test_a_ball_slides_up_the_foot_of_the_slope_without_a_jump():
 def test_bad_ground_is_refused(options, message):
     with pytest.raises(ValueError, match=message):
         TerrainOptions(**options)
+
+
+def test_a_sliding_foot_slides_as_far_as_it_moves():
+    """Down a slope of ice, over which feet chatter: only while they touch."""
+    ice = world(20, friction=0.05)
+    run(ice, 0.1)  # it lands
+    way, slid = np.zeros(4), list(ice.slid)
+    for _ in range(400):
+        before = ice.foot_positions()
+        run(ice, 0.002)
+        ice.measure_sliding()
+        touches = ice.foot_forces().any(axis=1)
+        way += touches * np.linalg.norm(ice.foot_positions() - before, axis=1)
+    assert (way > 0.3).all()
+    assert np.array(ice.slid) - slid == pytest.approx(way, rel=0.02)
+
+
+def test_a_rolling_foot_does_not_slide():
+    """The body sways ahead over balls that roll: their centres move by r times the shins' turn."""
+    rough = world(0, friction=2.0)
+    run(rough, 0.5)
+    before, slid = rough.foot_positions(), list(rough.slid)
+    for tick in range(250):
+        sway = np.tile([0.0, -0.15 * tick / 250, 0.0], 4)
+        run(rough, 0.002, ROBOT.stand_joint_position + sway)
+        rough.measure_sliding()
+    rolled = np.linalg.norm(rough.foot_positions() - before, axis=1)
+    assert (rolled > 1e-3).all()
+    assert (np.array(rough.slid) - slid < 0.1 * rolled).all()

@@ -4,12 +4,12 @@ import time
 
 import pytest
 
-from husky_description.pty_port import PtyPort
 from husky_description.robot import load_robot
-from husky_drivers.t265_backend import SimBackend
-from husky_drivers.t265_link import LinkConfig, State, T265Link
-from husky_drivers.t265_wire import BAUD
-from husky_sim.t265_device import T265Device
+from husky_drivers.t265.backend import SimBackend
+from husky_drivers.t265.link import CameraState, LinkConfig, T265Link
+from husky_drivers.t265.wire import BAUD
+from husky_runtime.ports.pty_port import PtyPort
+from husky_sim.devices.t265.device import T265Device
 
 FIGURES = load_robot().t265
 PERIOD_NS = 5_000_000
@@ -24,11 +24,13 @@ class Line:
         self.device = T265Device(FIGURES)
         self.port = PtyPort(directory / "t265")
         self.frames, self.events = [], []
+        self.world_time = None
         self.link = T265Link(
             SimBackend(str(self.port.path)),
             LinkConfig(**config),
             lambda frame, host_ns: self.frames.append(frame),
             self.events.append,
+            lambda: self.world_time,
         )
         self.tick = 0
         self.link.start()
@@ -67,7 +69,7 @@ def test_the_link_streams_survives_the_plug_and_ends(line):
     numbers = [frame.number for frame in line.frames]
     assert numbers == list(range(numbers[0], numbers[0] + len(numbers))) or line.port.dropped
     line.port.unplug()
-    line.run_until(lambda: line.link.state is State.NO_DEVICE, "the loss")
+    line.run_until(lambda: line.link.state is CameraState.NO_DEVICE, "the loss")
     assert line.link.error
     line.port.replug()
     line.frames_come()
@@ -78,18 +80,18 @@ def test_the_link_streams_survives_the_plug_and_ends(line):
     assert line.link.backend.counters()["garbage_bytes"] > counters["garbage_bytes"]
     line.link.stop()
     line.run_until(lambda: not line.port.connected, "the port to be given back")
-    assert line.link.state is State.STOPPED
+    assert line.link.state is CameraState.STOPPED
 
 
 @pytest.mark.parametrize("line", [PATIENT], indirect=True)
 def test_the_link_tells_of_what_the_tracking_does(line):
-    line.run_until(lambda: line.link.state is State.TRACKING, "tracking")
+    line.run_until(lambda: line.link.state is CameraState.TRACKING, "tracking")
     line.device.inject("lost")
-    line.run_until(lambda: line.link.state is State.LOST, "lost")
+    line.run_until(lambda: line.link.state is CameraState.LOST, "lost")
     line.device.inject("freeze")
-    line.run_until(lambda: line.link.state is State.FROZEN, "frozen")
+    line.run_until(lambda: line.link.state is CameraState.FROZEN, "frozen")
     line.device.inject("")
-    line.run_until(lambda: line.link.state is State.TRACKING, "tracking again")
+    line.run_until(lambda: line.link.state is CameraState.TRACKING, "tracking again")
     line.device.inject("jump", 5.0)
     line.run_until(lambda: line.link.gate.counters.jumps, "a jump")
     assert line.link.times_frozen >= 1
@@ -111,3 +113,19 @@ def test_a_silent_device_is_opened_again(line):
     line.run_until(lambda: line.link.connections >= 3, "the device to be opened again")
     line.device.inject("")
     line.frames_come()
+
+
+@pytest.mark.parametrize("line", [{"silence_timeout": 0.3}], indirect=True)
+def test_a_device_whose_world_stands_still_is_kept(line):
+    """However long that is: nobody can tell a late frame from one that is not due."""
+    line.frames_come()
+    line.world_time = 1e-9 * line.tick * PERIOD_NS
+    time.sleep(1.0)
+    assert (line.link.connections, line.link.times_frozen) == (1, 0)
+    line.device.inject("freeze")
+
+    def reopened():
+        line.world_time += 0.002
+        return line.link.connections > 1
+
+    line.run_until(reopened, "the device to be opened again")

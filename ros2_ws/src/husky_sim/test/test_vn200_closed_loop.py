@@ -11,13 +11,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from husky_description.pty_port import PtyPort, receive
 from husky_description.robot import load_robot
-from husky_drivers.vn200_imu import ImuFigures, swap_body, swap_world_and_body
-from husky_drivers.vn200_link import Vn200Link
-from husky_drivers.vn200_protocol import BAUDS, encode_ascii
-from husky_drivers.vn200_session import Session, SessionConfig, State
-from husky_sim.vn200_device import Vn200Device, Vn200Options
+from husky_description.rotation import swap_body, swap_world_and_body
+from husky_drivers.vn200.imu import ImuFigures
+from husky_drivers.vn200.link import Vn200Link
+from husky_drivers.vn200.protocol import BAUDS, encode_ascii
+from husky_drivers.vn200.session import SessionConfig, SessionState, Vn200Session
+from husky_runtime.ports.pty_port import PtyPort, receive
+from husky_sim.devices.vn200.device import Vn200Device, Vn200Options
 
 FIGURES = ImuFigures.of(load_robot().imu)
 PERIOD = 0.00125
@@ -33,7 +34,7 @@ class Wire:
 
     def __init__(self, **options):
         self.device = Vn200Device(FIGURES, 3, Vn200Options(**options))
-        self.session = Session(SessionConfig())
+        self.session = Vn200Session(SessionConfig())
         self.now = 0.0
         self.ticks = 0
         self.samples = []
@@ -63,7 +64,7 @@ class Wire:
     def time_to_stream(self, limit=3.0):
         start = self.now
         count = len(self.samples)
-        while len(self.samples) <= count or self.session.state is not State.STREAMING:
+        while len(self.samples) <= count or self.session.state is not SessionState.STREAMING:
             assert self.now - start < limit, f"still {self.session.state.value}"
             self.step()
         return self.now - start
@@ -117,7 +118,7 @@ def test_damage_costs_samples_and_nothing_else(fault, share):
     wire.run(1.0)
     got = len(wire.samples) - before
     assert got > share * 800
-    assert wire.session.state is State.STREAMING
+    assert wire.session.state is SessionState.STREAMING
     counters = wire.session.parser.counters
     assert counters.garbage_bytes > 1000
     wire.device.inject("")
@@ -131,7 +132,7 @@ def test_a_stopped_device_is_noticed_and_back_within_a_second():
     wire = streaming_wire()
     wire.device.inject("stop")
     wire.run(0.06)
-    assert wire.session.state is State.STALE
+    assert wire.session.state is SessionState.STALE
     wire.run(2.0)
     wire.device.inject("")
     assert wire.time_to_stream() < 1.0
@@ -143,7 +144,7 @@ def test_a_frozen_device_yields_no_samples_and_is_back_at_once():
     before = len(wire.samples)
     wire.run(1.0)
     assert len(wire.samples) == before
-    assert wire.session.state is State.STALE
+    assert wire.session.state is SessionState.STALE
     wire.device.inject("")
     assert wire.time_to_stream() < 0.01
 

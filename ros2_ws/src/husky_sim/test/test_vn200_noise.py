@@ -8,8 +8,8 @@ import pytest
 from scipy.signal import welch
 
 from husky_description.robot import load_robot
-from husky_drivers.vn200_imu import ImuFigures
-from husky_sim.vn200_noise import ImuNoise
+from husky_drivers.vn200.imu import ImuFigures
+from husky_sim.devices.vn200.noise import ImuNoise
 
 FIGURES = ImuFigures.of(load_robot().imu)
 

@@ -27,12 +27,12 @@ from husky_bringup.teleop_mapping import (
     split_keys,
 )
 from husky_bringup.terminal import Terminal
-from husky_description import graph
-from husky_description.nodes import qos
-from husky_description.nodes.parameters import declare
-from husky_description.nodes.run import run
 from husky_msgs.msg import ControllerState, DriveStatusArray
 from husky_msgs.srv import SetGait, SetMode
+from husky_runtime import graph, qos
+from husky_runtime.nodes.one_clock import OneClock
+from husky_runtime.nodes.parameters import declare
+from husky_runtime.nodes.run import run
 
 _RATE = 20.0
 """Of velocity commands [Hz]."""
@@ -40,7 +40,7 @@ _ENABLE_PERIOD = 5.0
 """How long standing up waits for the drives [s]."""
 
 
-class Teleop(Node):
+class Teleop(OneClock, Node):
     """Sends velocities while they are given, and calls services for everything else.
 
     Time here is the operator's, so it is wall time. Nothing waits for an answer: a service that is
@@ -58,10 +58,8 @@ class Teleop(Node):
         hold = declare(
             self, "key_hold", 0.7, "how long a key press counts [s]", lower=0.1, upper=2.0
         )
-        silence = declare(
-            self, "joy_silence", 0.3, "age at which a joystick message is stale [s]",
-            lower=0.05, upper=2.0,
-        )  # fmt: skip
+        what = "age at which a joystick message is stale [s]"
+        silence = declare(self, "joy_silence", 0.3, what, lower=0.05, upper=2.0)
         self._gaits: list[str] = declare(
             self, "gaits", ["trot", "crawl", "bound", "pronk"], "gaits to choose from, in order"
         )
@@ -80,6 +78,18 @@ class Teleop(Node):
         self._shown = ""
 
         self.hot: Sequence[Subscription] = []
+        self._connect()
+        self._terminal = Terminal.open()
+        if self._terminal is not None:
+            print(HELP, flush=True)
+        else:
+            self.get_logger().info(
+                f"no terminal: listening to {self.resolve_topic_name(graph.JOY)} only"
+            )
+        self.create_timer(1.0 / _RATE, self._on_timer)
+
+    def _connect(self) -> None:
+        """Find the robot's topics and services, and say which action calls what."""
         self._publisher = self.create_publisher(Twist, graph.CMD_VEL, qos.COMMAND)
         self.create_subscription(Joy, graph.JOY, self._on_joy, qos.COMMAND)
         self.create_subscription(
@@ -100,12 +110,6 @@ class Teleop(Node):
             Action.RECOVER: self._recover,
             Action.EMERGENCY_STOP: self._emergency_stop,
         }
-        self._terminal = Terminal.open()
-        if self._terminal is not None:
-            print(HELP, flush=True)
-        else:
-            self.get_logger().info(f"no terminal: listening to {graph.JOY} only")
-        self.create_timer(1.0 / _RATE, self._on_timer)
 
     # Inputs ---------------------------------------------------------------------------------
     def _on_joy(self, joy: Joy) -> None:

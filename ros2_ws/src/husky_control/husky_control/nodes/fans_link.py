@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import math
-import time
-from collections import deque
 
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 
 from husky_control.controller import Controller
-from husky_description import graph
-from husky_description.lockstep import Peer
-from husky_description.nodes import qos, stamps
+from husky_control.nodes.tick_input import TickInput
+from husky_control.tick_data import Measurements
+from husky_description.rotation import to_roll_pitch_yaw
 from husky_msgs.msg import PropulsionCommand, PropulsionState
+from husky_runtime import graph, qos
+from husky_runtime.lockstep import Peer
+from husky_runtime.nodes import stamps
 
 COMMAND_PERIOD_NS = 10_000_000
 """Between two commands [ns]."""
@@ -21,10 +22,11 @@ _STATE_DELAY_NS = 60_000_000
 """In lockstep a tick knows the unit's state of this long ago: the period and the way [ns]."""
 _STATE_TIMEOUT_NS = 300_000_000
 """A unit that has not been heard for so long is not used [ns]."""
+_NOTHING_KNOWN = PropulsionState()
 
 
-class FansLink:
-    """Tells the bridge what the controller asks for.
+class FansLink(TickInput[PropulsionState]):
+    """Tells the bridge what the controller asks for, and the controller what the bridge knows.
 
     Attributes:
         hot: subscription to the unit's state.
@@ -38,64 +40,34 @@ class FansLink:
             lockstep: a tick takes the state of a fixed time before it; otherwise the newest.
             grace: wall time a silent bridge is waited for in lockstep, once heard [s].
         """
-        self._node = node
-        self._peer = Peer(graph.PIXHAWK_BRIDGE, grace, start_grace=None)
-        self._delay_ns = _STATE_DELAY_NS if lockstep else 0
-        self._states: deque[PropulsionState] = deque(maxlen=32)
+        peer = Peer(graph.PIXHAWK_BRIDGE, grace, start_grace=None)
+        super().__init__(
+            node, graph.PROPULSION_STATE, peer, _STATE_DELAY_NS, 32, "the fans are not used"
+        )
+        self._known_after_ns = _STATE_DELAY_NS if lockstep else 0
         self._command = PropulsionCommand()
         self._publisher = node.create_publisher(
-            PropulsionCommand, graph.PROPULSION_COMMAND, qos.CONTROL
+            PropulsionCommand, graph.PROPULSION_COMMAND, qos.CONTROL_OFFERED
         )
         self.hot: Subscription = node.create_subscription(
             PropulsionState, graph.PROPULSION_STATE, self._on_state, qos.STATUS
         )
 
     def _on_state(self, state: PropulsionState) -> None:
-        self._states.append(state)
-        self._peer.answer(stamps.to_ns(state.stamp))
+        self._keep(stamps.to_ns(state.stamp), state)
 
-    def ready(self, time_ns: int) -> bool:
-        """Return whether a tick of this time knows what it is to know of the unit."""
-        return self._peer.ready(time_ns - _STATE_DELAY_NS)
-
-    def watch(self, time_ns: int) -> None:
-        """Give a silent bridge up."""
-        if not self.ready(time_ns) and self._peer.expire(time.monotonic()):
-            self._node.get_logger().warning(f"{self._peer.name} is silent: the fans are not used")
-
-    def _known(self, time_ns: int) -> PropulsionState | None:
-        """Return the state that a tick of this time knows."""
-        states, due = self._states, time_ns - self._delay_ns
-        while len(states) > 1 and stamps.to_ns(states[1].stamp) <= due:
-            states.popleft()
-        return states[0] if states and stamps.to_ns(states[0].stamp) <= due else None
-
-    def yaw(self, time_ns: int) -> float:
-        """Return the heading of base by the flight controller [rad], nan when it is not known."""
-        state = self._known(time_ns)
-        if state is None or not state.connected:
-            return math.nan
-        q = state.attitude
-        return math.atan2(2 * (q.w * q.z + q.x * q.y), 1 - 2 * (q.y * q.y + q.z * q.z))
-
-    def available(self, time_ns: int) -> bool:
-        """Return whether the unit is armed, follows commands, and has been heard of late."""
-        state = self._known(time_ns)
-        return (
-            state is not None
-            and time_ns - stamps.to_ns(state.stamp) < _STATE_TIMEOUT_NS
-            and state.connected
-            and state.armed
-            and state.mode == "OFFBOARD"
-            and not state.failsafe
-        )
-
-    def limit(self, time_ns: int) -> float:
-        """Return the most thrust that is left without a lost fan [N], infinite with all of them."""
-        state = self._known(time_ns)
-        if state is None or all(state.fan_ok):
-            return math.inf
-        return float(state.thrust_limit)
+    def take(self, time_ns: int, measurements: Measurements) -> None:
+        """Write what a tick of this time knows of the unit."""
+        self._now_ns = time_ns
+        known = self._messages.known(time_ns - self._known_after_ns)
+        m, state = measurements, known[1] if known is not None else _NOTHING_KNOWN
+        m.fans_available = _follows(state, time_ns)
+        m.fans_disarmed = state.connected and not state.armed
+        # With a fan lost, what the others may give.
+        lost = known is not None and not all(state.fan_ok)
+        m.fans_limit = float(state.thrust_limit) if lost else math.inf
+        m.fans_lost = [bool(ok) for ok in state.fan_ok].index(False) if lost else -1
+        m.fans_yaw = _heading(state) if state.connected else math.nan
 
     def tell(self, time_ns: int, controller: Controller) -> None:
         """Send the command when it is due: an attitude in flight, a wrench otherwise.
@@ -115,13 +87,25 @@ class FansLink:
             moment.x = moment.y = moment.z = 0.0
         else:
             command.kind = PropulsionCommand.WRENCH
-            force = controller.thrust_in_base
+            force = controller.context.thrust_in_base
             command.force.x, command.force.y, command.force.z = force.tolist()
             attitude.x, attitude.y, attitude.z, attitude.w = 0.0, 0.0, 0.0, 1.0
             moment.x, moment.y, moment.z = assist.moment.tolist()
         self._publisher.publish(command)
 
-    def restart(self) -> None:
-        """The world starts again: what was known is of another time."""
-        self._peer.restart()
-        self._states.clear()
+
+def _follows(state: PropulsionState, time_ns: int) -> bool:
+    """Return whether the unit is armed, follows commands, and has been heard of late."""
+    return (
+        time_ns - stamps.to_ns(state.stamp) < _STATE_TIMEOUT_NS
+        and state.connected
+        and state.armed
+        and state.mode == "OFFBOARD"
+        and not state.failsafe
+    )
+
+
+def _heading(state: PropulsionState) -> float:
+    """Return the heading of base by the flight controller [rad]."""
+    q = state.attitude
+    return to_roll_pitch_yaw((q.x, q.y, q.z, q.w))[2]

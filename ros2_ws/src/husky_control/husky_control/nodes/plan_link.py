@@ -8,11 +8,11 @@ from typing import Any
 from rclpy.node import Node
 
 from husky_control.controller import Controller
+from husky_control.incline.plan_query import PlanQuery, next_query
 from husky_control.nodes.plan_message import from_message
-from husky_control.plan_query import PlanQuery, next_query
-from husky_description import graph
-from husky_description.lockstep import Peer, Presence
 from husky_msgs.srv import PlanCycle
+from husky_runtime import graph
+from husky_runtime.lockstep import Peer, Presence
 
 _DELAY_NS = 200_000_000
 """In lockstep a plan is followed from so long after it has been asked for [ns]."""
@@ -76,7 +76,7 @@ class PlanLink:
         self._peer.expect()
         self._send()
 
-    def restart(self) -> None:
+    def restart(self, _: int) -> None:
         """The world starts again: what was asked for is of another time."""
         self._peer.restart()
         self._last, self._waiting, self._future = None, False, None

@@ -8,28 +8,14 @@ from typing import Any
 import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point, Quaternion, Vector3
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from husky_control.plan import MeshError, Plan
+from husky_control.planning.plan import NUMBERS, MeshError, Plan
+from husky_description.arrays import Array
 from husky_msgs.msg import InclinePlan, InclinePlanPoint
 
-Array = NDArray[np.float64]
-
-_NUMBERS = (
-    "slope",
-    "speed",
-    "friction",
-    "friction_margin",
-    "thrust_mode",
-    "gait",
-    "period",
-    "duty",
-    "height",
-    "mass",
-    "thrust_limit",
-    "cost",
-)
+_SAME = (*NUMBERS, "thrust_mode", "gait")
+"""Fields that plan and message have alike."""
 _VECTORS = (
     "velocity",
     "angular_velocity",
@@ -42,11 +28,11 @@ _VECTORS = (
 def to_message(plan: Plan, stamp: Time) -> InclinePlan:
     """The message of a plan."""
     message = InclinePlan(stamp=stamp)
-    for name in _NUMBERS:
+    for name in _SAME:
         setattr(message, name, getattr(plan, name))
     message.touchdown_phase = plan.touchdown_phase
-    message.center_of_mass = _point(plan.center_of_mass)
-    message.foothold = [_point(foothold) for foothold in plan.foothold]
+    message.center_of_mass = _as(Point, plan.center_of_mass)
+    message.foothold = [_as(Point, foothold) for foothold in plan.foothold]
     message.mesh_error = np.array(astuple(plan.mesh_error))
     message.points = [_plan_point(plan, k) for k in range(len(plan.time))]
     return message
@@ -62,7 +48,7 @@ def from_message(message: InclinePlan) -> Plan:
     quaternions = [
         (p.orientation.x, p.orientation.y, p.orientation.z, p.orientation.w) for p in points
     ]
-    fields: dict[str, Any] = {name: getattr(message, name) for name in _NUMBERS}
+    fields: dict[str, Any] = {name: getattr(message, name) for name in _SAME}
     for name in _VECTORS:
         fields[name] = np.array([_array(getattr(point, name)) for point in points])
     return Plan(
@@ -83,24 +69,19 @@ def _plan_point(plan: Plan, k: int) -> InclinePlanPoint:
     x, y, z, w = Rotation.from_matrix(plan.rotation[k]).as_quat().tolist()
     point = InclinePlanPoint(
         time=float(plan.time[k]),
-        position=_point(plan.position[k]),
+        position=_as(Point, plan.position[k]),
         orientation=Quaternion(x=x, y=y, z=z, w=w),
-        foot_force=[_vector(force) for force in plan.foot_force[k]],
+        foot_force=[_as(Vector3, force) for force in plan.foot_force[k]],
         stance=plan.stance[k].tolist(),
     )
     for name in _VECTORS:
-        setattr(point, name, _vector(getattr(plan, name)[k]))
+        setattr(point, name, _as(Vector3, getattr(plan, name)[k]))
     return point
 
 
-def _point(values: Array) -> Point:
+def _as(kind: Any, values: Array) -> Any:
     x, y, z = values.tolist()
-    return Point(x=x, y=y, z=z)
-
-
-def _vector(values: Array) -> Vector3:
-    x, y, z = values.tolist()
-    return Vector3(x=x, y=y, z=z)
+    return kind(x=x, y=y, z=z)
 
 
 def _array(vector: Any) -> Array:

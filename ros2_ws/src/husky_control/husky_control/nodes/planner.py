@@ -7,28 +7,29 @@ import threading
 import time
 from collections.abc import Sequence
 
-from rclpy.action import ActionServer, CancelResponse
-from rclpy.action.server import ServerGoalHandle
+from rclpy.action.server import ActionServer, CancelResponse, ServerGoalHandle
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 
-from husky_control.collocation.compiled import cache_directory
-from husky_control.collocation.planner import PlanFailure, Planner
-from husky_control.collocation.request import PlanRequest, machine_of
-from husky_control.gait import GAITS
+from husky_control.gait.table import GAITS
+from husky_control.nodes.plan_markers import PlanMarkers
 from husky_control.nodes.plan_message import to_message
-from husky_control.plan import Plan
-from husky_description import graph
-from husky_description.nodes import diagnostics, qos
-from husky_description.nodes.parameters import declare
-from husky_description.nodes.run import run
-from husky_description.robot import load_robot
+from husky_control.planning.collocation.compiled import cache_directory
+from husky_control.planning.collocation.planner import PlanFailure, Planner
+from husky_control.planning.collocation.request import PlanRequest, machine_of
+from husky_control.planning.plan import Plan
+from husky_description.robot import Robot
 from husky_msgs.action import PlanIncline
 from husky_msgs.msg import InclinePlan
 from husky_msgs.srv import PlanCycle
+from husky_runtime import graph, qos
+from husky_runtime.nodes import diagnostics
+from husky_runtime.nodes.one_clock import OneClock
+from husky_runtime.nodes.parameters import declare, declare_robot
+from husky_runtime.nodes.run import run
 
 
-class PlannerNode(Node):
+class PlannerNode(OneClock, Node):
     """Answers goals one after the other, each in a thread of its own, and publishes every plan.
 
     A goal that is cancelled while it is being solved is solved to its end, and then dropped.
@@ -37,7 +38,7 @@ class PlannerNode(Node):
     def __init__(self) -> None:
         """Declare parameters; nothing is derived before the first goal."""
         super().__init__(graph.PLANNER)
-        robot = load_robot()
+        robot = declare_robot(self)
         declare(
             self,
             "friction",
@@ -53,19 +54,13 @@ class PlannerNode(Node):
         self._intervals = declare(
             self, "intervals", 20, "of the collocation in a cycle [-]", lower=8, upper=100
         )
-        compiled = declare(
-            self, "compile", True, "derivatives become machine code, where there is a C compiler"
-        )
-        keep = declare(
-            self, "keep", True, "plans are kept in the user's cache directory and found there again"
-        )
-        machine = machine_of(robot)
-        self._planner = Planner(machine, cache_directory() / "plans" if keep else None, compiled)
+        self._planner = self._make_planner(robot)
         self._one_at_a_time = threading.Lock()
         self._made = self._failed = 0
         self._last = "no goal yet"
         self.hot: Sequence[Subscription] = []
         self._plans = self.create_publisher(InclinePlan, graph.INCLINE_PLAN, qos.LATCHED)
+        self._markers = PlanMarkers(self)
         self._server = ActionServer(
             self,
             PlanIncline,
@@ -75,6 +70,16 @@ class PlannerNode(Node):
         )
         self.create_service(PlanCycle, graph.PLAN_CYCLE, self._on_plan_cycle)
         self._diagnostics = diagnostics.Diagnostics(self, "planner", self._report)
+
+    def _make_planner(self, robot: Robot) -> Planner:
+        compiled = declare(
+            self, "compile", True, "derivatives become machine code, where there is a C compiler"
+        )
+        keep = declare(
+            self, "keep", True, "plans are kept in the user's cache directory and found there again"
+        )
+        directory = cache_directory() / "plans" if keep else None
+        return Planner(machine_of(robot), directory, compiled)
 
     def _on_plan_cycle(
         self, request: PlanCycle.Request, response: PlanCycle.Response
@@ -128,6 +133,7 @@ class PlannerNode(Node):
             return PlanIncline.Result(
                 reason=failure.reason, constraint=failure.constraint, message=str(failure)
             )
+        self._markers.show(plan)
         stamp = self.get_clock().now().to_msg()
         return PlanIncline.Result(
             success=True, message=_describe(plan), plan=to_message(plan, stamp)
@@ -153,7 +159,14 @@ class PlannerNode(Node):
             "planning": self._one_at_a_time.locked(),
             "last": self._last,
         }
-        return diagnostics.OK, "planning" if self._one_at_a_time.locked() else "ready", values
+        message = "planning" if self._one_at_a_time.locked() else "ready"
+        store = self._planner.store
+        if store is None:
+            return diagnostics.OK, message, values
+        values |= {"dropped_files": store.dropped, "problem": store.problem}
+        if store.problem:
+            return diagnostics.WARN, f"{message}; {store.problem}", values
+        return diagnostics.OK, message, values
 
     def quiet(self) -> None:
         """Nothing to do: goals wake the node."""

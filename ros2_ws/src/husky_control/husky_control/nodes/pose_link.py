@@ -2,25 +2,22 @@
 
 from __future__ import annotations
 
-import time
-from collections import deque
-
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 
-from husky_control.t265_pose import T265Pose
-from husky_description import graph
-from husky_description.lockstep import Peer
-from husky_description.nodes import qos, stamps
+from husky_control.estimation.t265_pose import T265Pose
+from husky_control.nodes.tick_input import TickInput
+from husky_control.tick_data import Measurements
+from husky_runtime import graph, qos
+from husky_runtime.lockstep import Peer
+from husky_runtime.nodes import stamps
 
 _DELAY_NS = 10_000_000
 """In lockstep a tick knows the pose of this long ago: two periods of the camera [ns]."""
-_FOREIGN_NS = 100_000_000
-"""A pose so far ahead of the tick is of a time before a reset [ns]."""
 
 
-class PoseLink:
+class PoseLink(TickInput[Odometry]):
     """Keeps poses until the tick that may know them.
 
     Attributes:
@@ -35,51 +32,32 @@ class PoseLink:
             lockstep: a tick takes the pose of a fixed time before it; otherwise the newest.
             grace: wall time a silent camera is waited for in lockstep, once heard [s].
         """
-        self._node = node
-        self._peer = Peer(graph.T265_DRIVER, grace, start_grace=None)
-        self._delay_ns = _DELAY_NS if lockstep else 0
+        peer = Peer(graph.T265_DRIVER, grace, start_grace=None)
+        super().__init__(node, graph.T265_ODOMETRY, peer, _DELAY_NS, 64, "going on without it")
         self._lockstep = lockstep
-        self._poses: deque[Odometry] = deque(maxlen=64)
         self._pose = T265Pose()
-        self._now_ns = -1
+        self._copied: Odometry | None = None
         self.hot: Subscription = node.create_subscription(
             Odometry, graph.T265_ODOMETRY, self._on_pose, qos.CONTROL
         )
 
     def _on_pose(self, pose: Odometry) -> None:
-        stamp = stamps.to_ns(pose.header.stamp)
-        if 0 <= self._now_ns < stamp - _FOREIGN_NS:
-            return
-        self._poses.append(pose)
-        self._peer.answer(stamp)
+        self._keep(stamps.to_ns(pose.header.stamp), pose)
 
-    def ready(self, time_ns: int) -> bool:
-        """Return whether a tick of this time has the pose that it is to know."""
-        return self._peer.ready(time_ns - _DELAY_NS)
-
-    def watch(self, time_ns: int) -> None:
-        """Give a silent camera up."""
-        if not self.ready(time_ns) and self._peer.expire(time.monotonic()):
-            self._node.get_logger().warning(f"{self._peer.name} is silent: going on without it")
-
-    def take(self, time_ns: int, pose: T265Pose) -> None:
+    def take(self, time_ns: int, measurements: Measurements) -> None:
         """Write the newest pose that a tick of this time knows, if there is a newer one."""
         self._now_ns = time_ns
-        due, newest = time_ns - self._delay_ns, None
-        while self._poses and (
-            not self._lockstep or stamps.to_ns(self._poses[0].header.stamp) <= due
-        ):
-            newest = self._poses.popleft()
-        if newest is not None:
-            _copy(newest, self._pose)
-        pose.take(self._pose)
+        poses = self._messages
+        known = poses.known(time_ns - _DELAY_NS) if self._lockstep else poses.newest()
+        if known is not None and known[1] is not self._copied:
+            self._copied = known[1]
+            _copy(self._copied, self._pose)
+        measurements.pose.take(self._pose)
 
-    def restart(self) -> None:
+    def restart(self, time_ns: int) -> None:
         """The world starts again: poses of before are of another time."""
-        self._peer.restart()
-        self._poses.clear()
-        self._pose = T265Pose()
-        self._now_ns = -1
+        super().restart(time_ns)
+        self._pose, self._copied = T265Pose(), None
 
 
 def _copy(message: Odometry, pose: T265Pose) -> None:

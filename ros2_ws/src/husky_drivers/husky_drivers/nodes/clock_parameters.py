@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from rclpy.node import Node
 
-from husky_description.nodes.parameters import declare
-from husky_drivers.vn200_clock import DeviceClock, HostClock
+from husky_drivers.vn200.clock import DeviceClock, HostClock
+from husky_runtime.nodes.parameters import declare
 
 
 def declare_clock(node: Node, what: str) -> DeviceClock | HostClock:
@@ -28,7 +28,7 @@ def declare_clock(node: Node, what: str) -> DeviceClock | HostClock:
         "latency",
         0.0,
         f"smallest delay from {what} to arrival, taken off stamps of clock host [s]",
-        lower=0.0,
-        upper=0.1,
+        0.0,
+        0.1,
     )
     return DeviceClock() if clock == "device" else HostClock(latency)

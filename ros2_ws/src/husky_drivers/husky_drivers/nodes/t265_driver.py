@@ -8,18 +8,21 @@ import time
 from nav_msgs.msg import Odometry
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 
-from husky_description import graph
-from husky_description.nodes import diagnostics, qos
-from husky_description.nodes.device_node import DeviceNode
-from husky_description.nodes.parameters import declare
-from husky_description.nodes.run import run
+from husky_description.link_frames import transform_of
 from husky_drivers.nodes.clock_parameters import declare_clock
-from husky_drivers.nodes.odometry_encoder import OdometryEncoder
-from husky_drivers.t265_backend import BACKENDS, BackendError, T265Backend, make_backend
-from husky_drivers.t265_frames import Confidence, PoseFrame, covariance, odometry
-from husky_drivers.t265_gate import JumpLimits
-from husky_drivers.t265_link import LinkConfig, State, T265Link
-from husky_drivers.vn200_clock import HostClock
+from husky_drivers.t265.backend import BACKENDS, BackendError, T265Backend, make_backend
+from husky_drivers.t265.frames import Confidence, PoseFrame, covariance, odometry
+from husky_drivers.t265.gate import JumpLimits
+from husky_drivers.t265.link import CameraState, LinkConfig, T265Link
+from husky_drivers.vn200.clock import HostClock
+from husky_runtime import graph, qos
+from husky_runtime.nodes import diagnostics
+from husky_runtime.nodes.device_node import DeviceNode
+from husky_runtime.nodes.parameters import declare, declare_robot
+from husky_runtime.nodes.patched_message import PatchedMessage
+from husky_runtime.nodes.presence import default_serial_port
+from husky_runtime.nodes.run import run
+from husky_runtime.nodes.transforms import SeenFrom, declare_transforms, tell_fixed
 
 
 class T265Driver(DeviceNode[T265Link]):
@@ -30,88 +33,55 @@ class T265Driver(DeviceNode[T265Link]):
     """
 
     def __init__(self) -> None:
+        """Declare parameters and make the publisher; the device is opened on activation."""
         super().__init__(graph.T265_DRIVER)
-        self._backend_name = declare(
-            self,
-            "backend",
-            "sim",
-            "where poses come from: the simulated device on a serial line, or the camera on USB",
-            allowed=BACKENDS,
-        )
-        default_port = graph.serial_port("t265", self.context.get_domain_id())
+        what = "where poses come from: the simulated device on a serial line, or the camera on USB"
+        self._backend_name = declare(self, "backend", "sim", what, allowed=BACKENDS)
+        default_port = default_serial_port(self, "t265")
         self._port = declare(self, "port", default_port, "of backend sim: its serial port")
-        self._serial_number = declare(
-            self, "serial_number", "", "of backend realsense: which camera, empty for any"
-        )
-        topic = declare(
-            self,
-            "topic",
-            graph.T265_ODOMETRY,
-            "where the poses go; Intel's wrapper called it /camera/odom/sample",
-        )
-        self._odom_frame = declare(
-            self,
-            "odom_frame",
-            "t265_odom",
-            "frame of the poses: t265_link at the camera's start, levelled; z up",
-        )
+        what = "of backend realsense: which camera, empty for any"
+        self._serial_number = declare(self, "serial_number", "", what)
+        what = "where the poses go; Intel's wrapper called it /camera/odom/sample"
+        topic = declare(self, "topic", graph.T265_ODOMETRY, what)
+        what = "frame of the poses: t265_link at the camera's start, levelled; z up"
+        self._odom_frame = declare(self, "odom_frame", graph.FRAME_T265_ODOM, what)
         self._device_clock = declare_clock(self, "pose")
-        linear = declare(
-            self,
-            "linear_accel_cov",
-            0.01,
-            "variance of position and linear velocity is this times 10^(3 - confidence) [m^2]",
-            lower=0.0,
-            upper=1e3,
-        )
-        angular = declare(
-            self,
-            "angular_velocity_cov",
-            0.01,
-            "variance of attitude and angular velocity is this times 10^(1 - confidence) [rad^2]",
-            lower=0.0,
-            upper=1e3,
-        )
-        self._config = LinkConfig(
-            stale_after=declare(
-                self,
-                "stale_after",
-                0.1,
-                "wall time without a new frame after which the stream counts as frozen [s]",
-                lower=0.01,
-                upper=60.0,
-            ),
-            # A simulation that pauses is no dead device.
-            silence_timeout=declare(
-                self,
-                "silence_timeout",
-                1.0 if isinstance(self._device_clock, HostClock) else 10.0,
-                "wall time without a new frame after which the device is closed and opened again "
-                "[s]",
-                lower=0.1,
-                upper=60.0,
-            ),
-            limits=JumpLimits(
-                distance=declare(
-                    self,
-                    "jump_limit",
-                    JumpLimits().distance,
-                    "a position this far from where the last velocity leads is a jump [m]",
-                    lower=0.001,
-                    upper=10.0,
-                )
-            ),
-        )
-        self._encoders = [
-            OdometryEncoder(_message(self._odom_frame, confidence, linear, angular))
-            for confidence in Confidence
-        ]
-        self._publisher = self.create_lifecycle_publisher(Odometry, topic, qos.CONTROL)
+        self._messages = self._declare_messages()
+        self._config = self._declare_link()
+        self._publisher = self.create_lifecycle_publisher(Odometry, topic, qos.CONTROL_OFFERED)
+        self._frame: SeenFrom | None = None
+        camera = declare_robot(self).t265
+        if declare_transforms(self, "the camera and of the frame of its poses"):
+            mounting = transform_of(camera.position.tolist(), camera.rpy.tolist())
+            tell_fixed(self, [(graph.FRAME_BASE, graph.FRAME_T265)], [mounting])
+            self._frame = SeenFrom(self, graph.FRAME_T265, self._odom_frame)
         self._backend: T265Backend | None = None
         self._problem = ""
         self._last_report = (time.monotonic(), 0, 0)
         self._diagnostics = diagnostics.Diagnostics(self, "T265", self._report)
         self.autostart()
+
+    def _declare_messages(self) -> list[PatchedMessage]:
+        """Declare the covariances; return a message for each confidence of the tracker."""
+        what = "variance of position and linear velocity is this times 10^(3 - confidence) [m^2]"
+        linear = declare(self, "linear_accel_cov", 0.01, what, 0.0, 1e3)
+        what = "variance of attitude and angular velocity is this times 10^(1 - confidence) [rad^2]"
+        angular = declare(self, "angular_velocity_cov", 0.01, what, 0.0, 1e3)
+        return [
+            odometry_message(self._odom_frame, confidence, linear, angular)
+            for confidence in Confidence
+        ]
+
+    def _declare_link(self) -> LinkConfig:
+        """Declare when a stream is frozen, dead or jumps."""
+        what = "time without a new frame after which the stream counts as frozen [s]"
+        stale = declare(self, "stale_after", 0.1, what, 0.01, 60.0)
+        silence = 1.0 if isinstance(self._device_clock, HostClock) else 10.0
+        what = "time without a new frame after which the device is closed and opened again [s]"
+        silence = declare(self, "silence_timeout", silence, what, 0.1, 60.0)
+        what = "a position this far from where the last velocity leads is a jump [m]"
+        jump = declare(self, "jump_limit", JumpLimits().distance, what, 0.001, 10.0)
+        return LinkConfig(stale, silence, JumpLimits(distance=jump))
 
     # Lifecycle ----------------------------------------------------------------------------------
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -129,17 +99,18 @@ class T265Driver(DeviceNode[T265Link]):
         """Return a link to the backend."""
         assert self._backend is not None
         self._last_report = (time.monotonic(), 0, 0)
-        return T265Link(self._backend, self._config, self._publish, self._log_event)
+        return T265Link(self._backend, self._config, self._publish, self.say, self.world_time)
 
     # In the link's thread -----------------------------------------------------------------------
     def _publish(self, frame: PoseFrame, host_ns: int) -> None:
         """Publish one frame in ROS axes."""
         stamp = self._device_clock.stamp(frame.time_ns, host_ns)
-        encoder = self._encoders[frame.tracker_confidence]
-        self._publisher.publish(encoder.encode(stamp, *odometry(frame)))
-
-    def _log_event(self, text: str) -> None:
-        self.get_logger().info(text)
+        message = self._messages[frame.tracker_confidence]
+        pose, twist = odometry(frame)
+        data = message.encode_at(stamp, pose[:3], pose[3:], twist[:3], twist[3:])
+        self._publisher.publish(data)
+        if self._frame is not None:
+            self._frame.tell(stamp, pose)
 
     # Report -------------------------------------------------------------------------------------
     def _report(self) -> diagnostics.Report:
@@ -167,25 +138,29 @@ class T265Driver(DeviceNode[T265Link]):
             "reconnects": max(0, link.connections - 1),
             "problem": link.error,
         }
-        if state in (State.STOPPED, State.NO_DEVICE):
+        if state in (CameraState.STOPPED, CameraState.NO_DEVICE):
             return diagnostics.ERROR, f"{state.value}: {link.error}", values
-        if state is State.LOST:
+        if state is CameraState.LOST:
             return diagnostics.ERROR, state.value, values
         jumps = gate.counters.jumps - last_jumps
         if jumps:
             return diagnostics.WARN, f"{jumps} jumps, last {gate.last_jump:.2f}", values
-        level = diagnostics.OK if state is State.TRACKING else diagnostics.WARN
+        level = diagnostics.OK if state is CameraState.TRACKING else diagnostics.WARN
         return level, state.value, values
 
 
-def _message(odom_frame: str, confidence: int, linear: float, angular: float) -> Odometry:
-    """Return a message in which only stamp, pose and twist are missing."""
+def odometry_message(
+    odom_frame: str, confidence: int, linear: float, angular: float
+) -> PatchedMessage:
+    """Return a message of stamp, position, orientation, linear and angular velocity."""
     message = Odometry()
     message.header.frame_id = odom_frame
     message.child_frame_id = graph.FRAME_T265
     message.pose.covariance = covariance(confidence, linear, angular)
     message.twist.covariance = covariance(confidence, linear, angular)
-    return message
+    pose, twist = message.pose.pose, message.twist.twist
+    places = (pose.position, pose.orientation, twist.linear, twist.angular)
+    return PatchedMessage(message, (message.header.stamp, *places))
 
 
 def main() -> int:

@@ -8,18 +8,19 @@ from collections.abc import Mapping
 
 from sensor_msgs.msg import Imu
 
-from husky_description import graph
-from husky_description.nodes import diagnostics, qos
-from husky_description.nodes.device_node import DeviceNode
-from husky_description.nodes.parameters import declare
-from husky_description.nodes.run import run
-from husky_description.robot import load_robot
+from husky_description.rotation import swap_body, swap_world_and_body
 from husky_drivers.nodes.clock_parameters import declare_clock
-from husky_drivers.nodes.imu_encoder import ImuEncoder
-from husky_drivers.vn200_clock import HostClock
-from husky_drivers.vn200_imu import ImuFigures, Values, swap_body, swap_world_and_body
-from husky_drivers.vn200_link import Vn200Link
-from husky_drivers.vn200_session import SessionConfig, State
+from husky_drivers.vn200.clock import HostClock
+from husky_drivers.vn200.imu import ImuFigures, Values
+from husky_drivers.vn200.link import Vn200Link
+from husky_drivers.vn200.session import SessionConfig, SessionState
+from husky_runtime import graph, qos
+from husky_runtime.nodes import diagnostics
+from husky_runtime.nodes.device_node import DeviceNode
+from husky_runtime.nodes.parameters import declare, declare_robot
+from husky_runtime.nodes.patched_message import PatchedMessage
+from husky_runtime.nodes.presence import default_serial_port
+from husky_runtime.nodes.run import run
 
 
 class Vn200Driver(DeviceNode[Vn200Link]):
@@ -30,38 +31,27 @@ class Vn200Driver(DeviceNode[Vn200Link]):
     """
 
     def __init__(self) -> None:
+        """Declare parameters and make the publisher; the port is opened on activation."""
         super().__init__(graph.VN200_DRIVER)
-        default_port = graph.serial_port("vn200", self.context.get_domain_id())
+        default_port = default_serial_port(self, "vn200")
         self._port = declare(self, "port", default_port, "serial port of the VN-200")
         self._device_clock = declare_clock(self, "sample")
-        self._config = SessionConfig(
-            baud=declare(
-                self, "baud", 921600, "rate to run the line at [baud]", lower=9600, upper=921600
-            ),
-            rate=declare(
-                self, "rate", 800, "packet rate, a divisor of 800 [Hz]", lower=1, upper=800
-            ),
-            stale_after=declare(
-                self,
-                "stale_after",
-                0.05,
-                "wall time without a sample after which the line counts as stale [s]",
-                lower=0.001,
-                upper=60.0,
-            ),
-            # A simulation that pauses is no dead device.
-            silence_timeout=declare(
-                self,
-                "silence_timeout",
-                0.25 if isinstance(self._device_clock, HostClock) else 10.0,
-                "wall time that a stale device may answer nothing before the port is reopened and "
-                "its baud rate looked for [s]",
-                lower=0.001,
-                upper=60.0,
-            ),
+        what = "wall time without a sample after which the line counts as stale [s]"
+        stale = declare(self, "stale_after", 0.05, what, 0.001, 60.0)
+        # A simulation that pauses is no dead device.
+        silence = 0.25 if isinstance(self._device_clock, HostClock) else 10.0
+        what = (
+            "wall time that a stale device may answer nothing before the port is reopened and its "
+            "baud rate looked for [s]"
         )
-        self._encoder = ImuEncoder(_message_with_covariances(ImuFigures.of(load_robot().imu)))
-        self._publisher = self.create_lifecycle_publisher(Imu, graph.IMU, qos.CONTROL)
+        self._config = SessionConfig(
+            baud=declare(self, "baud", 921600, "rate to run the line at [baud]", 9600, 921600),
+            rate=declare(self, "rate", 800, "packet rate, a divisor of 800 [Hz]", 1, 800),
+            stale_after=stale,
+            silence_timeout=declare(self, "silence_timeout", silence, what, 0.001, 60.0),
+        )
+        self._message = imu_message(ImuFigures.of(declare_robot(self).imu))
+        self._publisher = self.create_lifecycle_publisher(Imu, graph.IMU, qos.CONTROL_OFFERED)
         self._last_report = (time.monotonic(), 0, 0)
         self._diagnostics = diagnostics.Diagnostics(self, "VN-200", self._report)
         self.autostart()
@@ -69,23 +59,23 @@ class Vn200Driver(DeviceNode[Vn200Link]):
     def make_link(self) -> Vn200Link:
         """Return a link to the port."""
         self._last_report = (time.monotonic(), 0, 0)
-        return Vn200Link(self._port, self._config, self._publish, on_state=self._log_state)
+        publish, world_time = self._publish, self.world_time
+        return Vn200Link(
+            self._port, self._config, publish, on_state=self.say, world_time=world_time
+        )
 
     # In the link's thread -----------------------------------------------------------------------
     def _publish(self, values: Values, host_ns: int) -> None:
         """Publish one sample in ROS axes."""
         device_ns, x, y, z, w, p, q, r, a, b, c = values
         self._publisher.publish(
-            self._encoder.encode(
+            self._message.encode_at(
                 self._device_clock.stamp(int(device_ns), host_ns),
                 swap_world_and_body((x, y, z, w)),
                 swap_body((p, q, r)),
                 swap_body((a, b, c)),
             )
         )
-
-    def _log_state(self, text: str) -> None:
-        self.get_logger().info(text)
 
     # Report -------------------------------------------------------------------------------------
     def _report(self) -> diagnostics.Report:
@@ -122,15 +112,15 @@ class Vn200Driver(DeviceNode[Vn200Link]):
         }
         if not link.connected:
             return diagnostics.ERROR, f"{link.state}: {link.error}", values
-        if session.state is not State.STREAMING:
+        if session.told_state is not SessionState.STREAMING:
             return diagnostics.WARN, link.state, values
         if damaged > last_damaged:
             return diagnostics.WARN, f"{damaged - last_damaged} messages damaged", values
         return diagnostics.OK, link.state, values
 
 
-def _message_with_covariances(figures: ImuFigures) -> Imu:
-    """Return a message in which only the measurement is missing."""
+def imu_message(figures: ImuFigures) -> PatchedMessage:
+    """Return a message of stamp, orientation, angular velocity and specific force."""
     message = Imu()
     message.header.frame_id = graph.FRAME_IMU
     for covariance, variances in (
@@ -139,7 +129,15 @@ def _message_with_covariances(figures: ImuFigures) -> Imu:
         (message.linear_acceleration_covariance, [figures.linear_acceleration_variance] * 3),
     ):
         covariance[0], covariance[4], covariance[8] = variances
-    return message
+    return PatchedMessage(
+        message,
+        (
+            message.header.stamp,
+            message.orientation,
+            message.angular_velocity,
+            message.linear_acceleration,
+        ),
+    )
 
 
 def main() -> int:

@@ -10,23 +10,25 @@ from rclpy.timer import Timer
 from sensor_msgs.msg import BatteryState
 from std_srvs.srv import SetBool, Trigger
 
-from husky_description import graph
-from husky_description.nodes import diagnostics, qos
-from husky_description.nodes.device_node import DeviceNode
-from husky_description.nodes.parameters import declare, declare_mounting
-from husky_description.nodes.run import run
-from husky_description.robot import load_robot
 from husky_msgs.msg import PropulsionCommand, PropulsionState
 from husky_msgs.srv import SetFlightMode
-from husky_pu import mavlink_commands as commands
-from husky_pu.companion_link import CompanionLink, opener
-from husky_pu.mavlink_client import MavlinkClient
-from husky_pu.mavlink_telemetry import MODES, PX4, Report
+from husky_pu.companion import command_requests as commands
+from husky_pu.companion.bridge import BootClock, ThrustSetpoints
+from husky_pu.companion.client import MavlinkClient
+from husky_pu.companion.link import CompanionLink, opener
+from husky_pu.companion.propulsion_force import ForceEstimate
+from husky_pu.companion.telemetry import MODES, PX4, Report
 from husky_pu.nodes.pixhawk_messages import battery_message, state_message, thrust_command
 from husky_pu.nodes.pixhawk_parameters import declare_config, declare_limits
 from husky_pu.nodes.pixhawk_report import PixhawkReport
-from husky_pu.propulsion_bridge import BootClock, Setpoints
-from husky_pu.propulsion_force import ForceEstimate
+from husky_pu.nodes.thrust_markers import ThrustMarkers
+from husky_runtime import graph, qos
+from husky_runtime.nodes import diagnostics
+from husky_runtime.nodes.device_node import DeviceNode
+from husky_runtime.nodes.executor import executor_of
+from husky_runtime.nodes.parameters import declare, declare_mounting, declare_robot
+from husky_runtime.nodes.presence import default_serial_port
+from husky_runtime.nodes.run import run
 
 _HEARTBEAT_LOOK = 0.1
 """Between two looks whether a heartbeat is due [s]."""
@@ -34,6 +36,8 @@ _BATTERY_EVERY = 5
 """Bundles of telemetry between two messages of the battery: 10 Hz."""
 _SILENCE = 0.5
 """Age of a command from which on there is none [s]."""
+_START_PATIENCE = 5.0
+"""Wall time that the first request waits for an autopilot that is not heard yet [s]."""
 _MODES = {name: number for number, name in MODES.items() if name in ("STABILIZED", "OFFBOARD")}
 
 
@@ -47,41 +51,32 @@ class PixhawkBridge(DeviceNode[CompanionLink]):
     def __init__(self) -> None:
         """Declare parameters, make publishers, subscriptions and services; open the line."""
         super().__init__(graph.PIXHAWK_BRIDGE)
-        mode = declare(
-            self,
-            "time",
-            "lockstep",
+        what = (
             "lockstep, realtime: stamps are the autopilot's time; hardware: they are this "
-            "machine's. In lockstep the autopilot may stand still without being lost",
-            allowed=("lockstep", "realtime", "hardware"),
+            "machine's. In lockstep the autopilot may stand still without being lost"
         )
-        device = graph.serial_port("pixhawk", self.context.get_domain_id())
-        self._connection = declare(
-            self,
-            "connection",
-            f"serial:{device}:921600",
-            "serial:<path>:<baud>, udpin:<address>:<port> or udpout:<address>:<port>",
-        )
+        clocks = ("lockstep", "realtime", "hardware")
+        mode = declare(self, "time", "lockstep", what, allowed=clocks)
+        line = f"serial:{default_serial_port(self, 'pixhawk')}:921600"
+        what = "serial:<path>:<baud>, udpin:<address>:<port> or udpout:<address>:<port>"
+        self._connection = declare(self, "connection", line, what)
         self._open = opener(self._connection)
         self._config = declare_config(self, lockstep=mode == "lockstep")
-        robot = load_robot(**declare_mounting(self))
+        robot = declare_robot(self, **declare_mounting(self))
         self._limits = declare_limits(self, robot)
         self._force = ForceEstimate(robot)
         self._boot_clock = BootClock() if mode == "hardware" else None
-        self._setpoints = Setpoints(self._limits)
+        self._setpoints = ThrustSetpoints(self._limits)
         self._client = MavlinkClient(self._config)
         self._killed = False
         self._command_at = -math.inf
         self._bundles = 0
         self._heard = False
         self._report = PixhawkReport(self._connection)
-
-        self._state_publisher = self.create_lifecycle_publisher(
-            PropulsionState, graph.PROPULSION_STATE, qos.STATUS
-        )
-        self._battery_publisher = self.create_lifecycle_publisher(
-            BatteryState, graph.BATTERY, qos.STATUS
-        )
+        offer = self.create_lifecycle_publisher
+        self._state_publisher = offer(PropulsionState, graph.PROPULSION_STATE, qos.STATUS)
+        self._battery_publisher = offer(BatteryState, graph.BATTERY, qos.STATUS)
+        self._markers = ThrustMarkers(self, robot)
         self._commands = self.create_subscription(
             PropulsionCommand, graph.PROPULSION_COMMAND, self._on_command, qos.CONTROL
         )
@@ -97,7 +92,7 @@ class PixhawkBridge(DeviceNode[CompanionLink]):
     def make_link(self) -> CompanionLink:
         """Return a link on which nothing has been said yet."""
         self._client = MavlinkClient(self._config)
-        self._setpoints = Setpoints(self._limits)
+        self._setpoints = ThrustSetpoints(self._limits)
         self._report = PixhawkReport(self._connection)
         return CompanionLink(self._client, self._open, self._publish, self._on_link_state)
 
@@ -125,9 +120,13 @@ class PixhawkBridge(DeviceNode[CompanionLink]):
             armed = client.connected and client.telemetry.report.armed
             setpoints.enable(armed and not self._killed)
             refused, projected = setpoints.refused, setpoints.projected
-            setpoint = setpoints.take(command)
-            if setpoint is not None and client.connected:
-                setpoint.send(client, self._boot_us(command.stamp_ns))
+            setpoint = setpoints.convert(command)
+            if client.connected:
+                boot_us = self._boot_us(command.stamp_ns)
+                if setpoint is not None:
+                    setpoint.send(client, boot_us)
+                elif self._config.lockstep:
+                    client.system_time(boot_us // 1000)  # the world need not wait for a setpoint
         if setpoints.refused != refused:
             self.get_logger().warning(
                 f"thrust command refused: {setpoints.refusal}", throttle_duration_sec=1.0
@@ -154,12 +153,14 @@ class PixhawkBridge(DeviceNode[CompanionLink]):
             self._boot_clock.observe(report.boot_us, time.time_ns())
         self._bundles += 1
         stamp_ns = self._stamp_ns(report)
-        self._state_publisher.publish(state_message(report, self._force.of(report), stamp_ns, True))
+        force = self._force.of(report)
+        self._state_publisher.publish(state_message(report, force, stamp_ns, True))
+        self._markers.tell(stamp_ns, force)
         if self._bundles % _BATTERY_EVERY == 0:
             self._battery_publisher.publish(battery_message(report, stamp_ns))
 
     def _on_link_state(self, text: str, heard: bool) -> None:
-        self.get_logger().info(text)
+        self.say(text)
         if self._heard and not heard:
             report = self._client.telemetry.report
             force = self._force.of(report)
@@ -178,14 +179,24 @@ class PixhawkBridge(DeviceNode[CompanionLink]):
         link = self._link
         if link is None:
             return False, "the node is not active"
+        if self._bundles == 0 and not self._killed:
+            self._await_autopilot()
         with link.talk() as client:
             if not client.connected:
-                return False, f"no autopilot on {self._connection}"
+                return False, f"no autopilot is heard on {self._connection}; try again when it is"
             command = client.command(number, *parameters)
             client.poll(time.monotonic())
-        assert self.executor is not None
-        self.executor.spin_hot_until(lambda: command.done(time.monotonic()))
+        executor = executor_of(self)
+        assert executor is not None
+        executor.spin_hot_until(lambda: command.done(time.monotonic()))
         return command.accepted, "" if command.accepted else command.text
+
+    def _await_autopilot(self) -> None:
+        """Serve commands until the autopilot is heard: it starts more slowly than this node."""
+        executor = executor_of(self)
+        assert executor is not None
+        end = time.monotonic() + _START_PATIENCE
+        executor.spin_hot_until(lambda: self._client.connected or time.monotonic() > end)
 
     def _on_arm(self, request: SetBool.Request, response: SetBool.Response):  # type: ignore[no-untyped-def]
         conflict = self._client.conflict(time.monotonic())

@@ -6,12 +6,12 @@ import math
 
 from sensor_msgs.msg import BatteryState
 
-from husky_description import graph
-from husky_description.nodes import stamps
 from husky_msgs.msg import PropulsionCommand, PropulsionState
-from husky_pu.mavlink_telemetry import Report
-from husky_pu.propulsion_bridge import ThrustCommand
-from husky_pu.propulsion_force import Force
+from husky_pu.companion.bridge import ThrustCommand
+from husky_pu.companion.propulsion_force import Force
+from husky_pu.companion.telemetry import Report
+from husky_runtime import graph
+from husky_runtime.nodes import stamps
 
 
 def thrust_command(message: PropulsionCommand) -> ThrustCommand:

@@ -6,12 +6,27 @@ from pathlib import Path
 
 from rclpy.node import Node
 
-from husky_description.nodes.parameters import declare
+from husky_description.gimbal import Gimbal
 from husky_description.robot import Robot
-from husky_pu.mavlink_client import ClientConfig
-from husky_pu.mavlink_frames import read_key
-from husky_pu.mixer import Mixer
-from husky_pu.propulsion_bridge import Limits
+from husky_pu.autopilot.posture_mixer import mixer_of
+from husky_pu.companion.bridge import Limits
+from husky_pu.companion.client import ClientConfig
+from husky_pu.mavlink.frames import read_key
+from husky_runtime.nodes.parameters import declare
+
+_DIALOGUE = {
+    "target_system": ("system id of the autopilot, 0: the first heard", 0, 255),
+    "source_system": ("system id of this companion, 0: the autopilot's", 0, 255),
+    "telemetry_rate": (
+        "rate of attitudes and pulses, and of the state that is published [Hz]",
+        1.0,
+        200.0,
+    ),
+    "battery_rate": ("rate at which the battery is asked for [Hz]", 0.5, 50.0),
+    "link_timeout": ("silence of an autopilot after which it is lost [s]", 0.1, 10.0),
+    "grace": ("wall time an autopilot may give no sign of life in lockstep [s]", 1.5, 60.0),
+}
+"""Parameters that are attributes of `ClientConfig`: what they are, and their range."""
 
 
 def declare_config(node: Node, lockstep: bool) -> ClientConfig:
@@ -21,78 +36,25 @@ def declare_config(node: Node, lockstep: bool) -> ClientConfig:
         ValueError: the signing key's file holds none.
         OSError: it cannot be read.
     """
-    key_file = declare(
-        node, "signing_key", "", "file with the key in 64 hexadecimal digits; none: no signing"
-    )
-    return ClientConfig(
-        target_system=declare(
-            node,
-            "target_system",
-            0,
-            "system id of the autopilot, 0: the first heard",
-            lower=0,
-            upper=255,
-        ),
-        source_system=declare(
-            node,
-            "source_system",
-            0,
-            "system id of this companion, 0: the autopilot's",
-            lower=0,
-            upper=255,
-        ),
-        telemetry_rate=declare(
-            node,
-            "telemetry_rate",
-            50.0,
-            "rate of attitudes and pulses, and of the state that is published [Hz]",
-            lower=1.0,
-            upper=200.0,
-        ),
-        battery_rate=declare(
-            node,
-            "battery_rate",
-            10.0,
-            "rate at which the battery is asked for [Hz]",
-            lower=0.5,
-            upper=50.0,
-        ),
-        link_timeout=declare(
-            node,
-            "link_timeout",
-            0.8,
-            "silence of an autopilot after which it is lost [s]",
-            lower=0.1,
-            upper=10.0,
-        ),
-        grace=declare(
-            node,
-            "grace",
-            3.0,
-            "wall time an autopilot may give no sign of life in lockstep [s]",
-            lower=1.5,
-            upper=60.0,
-        ),
-        lockstep=lockstep,
-        signing_key=_load_key(key_file),
-    )
+    what = "file with the key in 64 hexadecimal digits; none: no signing"
+    key_file = declare(node, "signing_key", "", what)
+    defaults = ClientConfig()
+    given = {
+        name: declare(node, name, getattr(defaults, name), *row) for name, row in _DIALOGUE.items()
+    }
+    return ClientConfig(lockstep=lockstep, signing_key=_load_key(key_file), **given)
 
 
 def declare_limits(node: Node, robot: Robot) -> Limits:
     """Declare how fast thrust may rise; return it with what the robot's unit can do."""
-    mixer = Mixer(robot)
+    mixer = mixer_of(robot)
     return Limits(
         mixer.max_collective,
         [float(scale) for scale in mixer.moment_scale],
         declare(
-            node,
-            "thrust_rate",
-            80.0,
-            "how fast the collective thrust may rise [N/s]",
-            lower=1.0,
-            upper=1000.0,
+            node, "thrust_rate", 80.0, "how fast the collective thrust may rise [N/s]", 1.0, 1000.0
         ),
-        vectoring=robot.fans.mounting == "vectoring",
+        vectoring=Gimbal.of(robot) is not None,
     )
 
 

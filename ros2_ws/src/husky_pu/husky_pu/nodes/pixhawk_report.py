@@ -5,20 +5,17 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Mapping
+from typing import NamedTuple
 
-from husky_description.nodes import diagnostics
-from husky_description.robot import LEGS
-from husky_pu.companion_link import CompanionLink
-from husky_pu.mavlink_client import MavlinkClient
-from husky_pu.propulsion_bridge import Setpoints
+from husky_pu.autopilot.fan_watch import name_lost
+from husky_pu.companion.bridge import ThrustSetpoints
+from husky_pu.companion.client import MavlinkClient
+from husky_pu.companion.link import CompanionLink
+from husky_runtime.nodes import diagnostics
 
 
 class PixhawkReport:
-    """Makes reports; rates and damage are since the report before.
-
-    Attributes:
-        connection: as the parameter says it.
-    """
+    """Makes reports of a `connection`; rates and damage are since the report before."""
 
     def __init__(self, connection: str):
         """Begin to count."""
@@ -30,7 +27,7 @@ class PixhawkReport:
         self,
         link: CompanionLink,
         client: MavlinkClient,
-        setpoints: Setpoints,
+        setpoints: ThrustSetpoints,
         more: Mapping[str, object],
     ) -> diagnostics.Report:
         """Return level, message and values, `more` among them."""
@@ -55,9 +52,7 @@ class PixhawkReport:
             "refused_commands": setpoints.refused,
             "refusal": setpoints.refusal,
             "projected_commands": setpoints.projected,
-            "fans_lost": ", ".join(
-                leg for leg, ok in zip(LEGS, telemetry.report.fan_ok, strict=True) if not ok
-            ),
+            "fans_lost": name_lost(telemetry.report.fan_ok),
             "current": "327.67 A or more" if battery.saturated else f"{battery.current:.1f} A",
             "connections": client.connections,
             "losses": client.losses,
@@ -77,26 +72,47 @@ class PixhawkReport:
         for kind, count in sorted(received.items()):
             rate = (count - last_received[kind]) / max(now - last, 1e-3)
             values[f"rate {kind}"] = f"{rate:.1f}"
-        conflict = client.conflict(now)
-        if link.state != "connected":
-            text = f"{link.state}: {link.error}" if link.error else link.state
-            if not client.connected and counters.refused:
-                text = f"{text}; {counters.refused} frames are not signed with our key"
-            return diagnostics.ERROR, text, values
-        if conflict:
-            return diagnostics.ERROR, conflict, values
-        if telemetry.report.failsafe:
-            return diagnostics.ERROR, f"failsafe: {telemetry.report.failsafe}", values
-        if client.signed and not client.config.signing_key:
-            return diagnostics.WARN, "the autopilot signs and we have no key: it is deaf", values
-        if setpoints.refused > last_refused:
-            return diagnostics.WARN, f"thrust commands refused: {setpoints.refusal}", values
-        if not all(telemetry.report.fan_ok):
-            return diagnostics.ERROR, f"fan lost: {values['fans_lost']}", values
-        if setpoints.projected > last_projected:
-            return diagnostics.WARN, f"left out: {setpoints.projection}", values
-        if damage > last_damage:
-            return diagnostics.WARN, f"{damage - last_damage} messages damaged", values
-        if battery.saturated:
-            return diagnostics.WARN, "current of 327.67 A or more: its field is full", values
-        return diagnostics.OK, link.state, values
+        since = _Since(
+            setpoints.refused - last_refused,
+            setpoints.projected - last_projected,
+            damage - last_damage,
+        )
+        return *_judge(link, client, setpoints, since), values
+
+
+class _Since(NamedTuple):
+    """What has been counted since the report before."""
+
+    refused: int
+    projected: int
+    damaged: int
+
+
+def _judge(
+    link: CompanionLink, client: MavlinkClient, setpoints: ThrustSetpoints, since: _Since
+) -> tuple[bytes, str]:
+    """Return level and message: the worst there is to say."""
+    error, warn = diagnostics.ERROR, diagnostics.WARN
+    report, refused = client.telemetry.report, client.reader.counters.refused
+    if link.state != "connected":
+        text = f"{link.state}: {link.error}" if link.error else link.state
+        if not client.connected and refused:
+            text = f"{text}; {refused} frames are not signed with our key"
+        return error, text
+    if conflict := client.conflict(time.monotonic()):
+        return error, conflict
+    if report.failsafe:
+        return error, f"failsafe: {report.failsafe}"
+    if client.signed and not client.config.signing_key:
+        return warn, "the autopilot signs and we have no key: it is deaf"
+    if since.refused > 0:
+        return warn, f"thrust commands refused: {setpoints.refusal}"
+    if not all(report.fan_ok):
+        return error, f"fan lost: {name_lost(report.fan_ok)}"
+    if since.projected > 0:
+        return warn, f"left out: {setpoints.projection}"
+    if since.damaged > 0:
+        return warn, f"{since.damaged} messages damaged"
+    if report.battery.saturated:
+        return warn, "current of 327.67 A or more: its field is full"
+    return diagnostics.OK, link.state

@@ -12,16 +12,20 @@ from rclpy.timer import Timer
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Joy
 
-from husky_description import graph
-from husky_description.nodes import diagnostics, qos, stamps
-from husky_description.nodes.parameters import declare
-from husky_description.nodes.run import run
-from husky_pu.rc_mapping import FrameSchedule, JoyLayout, JoyQueue, RcMapping
-from husky_pu.sbus import encode
-from husky_pu.sbus_line import SbusLine
+from husky_pu.radio.rc_mapping import JOY_PLACES, FrameSchedule, JoyLayout, JoyQueue, RcMapping
+from husky_pu.radio.sbus import encode
+from husky_pu.radio.sbus_line import SbusLine
+from husky_runtime import graph, qos
+from husky_runtime.nodes import diagnostics, stamps
+from husky_runtime.nodes.message_guard import refuser
+from husky_runtime.nodes.one_clock import OneClock
+from husky_runtime.nodes.parameters import declare
+from husky_runtime.nodes.presence import default_serial_port
+from husky_runtime.nodes.run import run
+from husky_runtime.stamp_gate import StampGate, Turn
 
 
-class RcTransmitter(Node):
+class RcTransmitter(OneClock, Node):
     """Sends a frame each 7 or 14 ms, of simulated time when there is a simulation.
 
     A lost joystick shows as the failsafe flag with the throttle low, a lost line in the
@@ -31,62 +35,31 @@ class RcTransmitter(Node):
     def __init__(self) -> None:
         """Declare parameters, subscribe, start to send."""
         super().__init__(graph.RC_TRANSMITTER)
-        source = declare(
-            self,
-            "time",
-            "lockstep",
+        what = (
             "what times the frames: lockstep, realtime: /clock; hardware: this machine's clock. In "
-            "lockstep those due until the next message of /clock go out at once",
-            allowed=("lockstep", "realtime", "hardware"),
+            "lockstep those due until the next message of /clock go out at once"
         )
-        default_port = graph.serial_port("sbus", self.context.get_domain_id())
+        sources = ("lockstep", "realtime", "hardware")
+        source = declare(self, "time", "lockstep", what, allowed=sources)
+        default_port = default_serial_port(self, "sbus")
         port = declare(self, "port", default_port, "serial port of the receiver's output, 8E2")
-        period = declare(
-            self, "period", 0.014, "between frames: 0.007 or 0.014 [s]", lower=0.007, upper=0.014
-        )
+        period = declare(self, "period", 0.014, "between frames: 0.007 or 0.014 [s]", 0.007, 0.014)
         if round(1e3 * period, 6) not in (7.0, 14.0):
             raise ValueError(f"parameter period is {period} s, it must be 0.007 or 0.014 s")
-        layout = JoyLayout()
-        places = {
-            name: declare(self, f"joy_{name}", getattr(layout, name), what, lower=-1, upper=31)
-            for name, what in _PLACES.items()
-        }
-        self._mapping = RcMapping(
-            JoyLayout(**places),
-            dead_band=declare(
-                self,
-                "dead_band",
-                0.02,
-                "share of a centred stick's travel that is centre [-]",
-                lower=0.0,
-                upper=0.5,
-            ),
-            silence=declare(
-                self,
-                "joy_silence",
-                0.5,
-                "age at which a joystick message is lost: failsafe [s]",
-                lower=0.05,
-                upper=5.0,
-            ),
-            momentary=declare(
-                self, "momentary", False, "buttons spring back: each press turns a switch over"
-            ),
-            upper_half=declare(
-                self, "upper_half", False, "the throttle springs back: its centre is no thrust"
-            ),
-        )
-        period_ns = round(1e9 * period)
+        self._mapping = declare_mapping(self)
+        self._period_ns = round(1e9 * period)
         clock_period_ns = round(1e9 / graph.topic(graph.CLOCK).rate)
-        self._schedule = FrameSchedule(period_ns, clock_period_ns if source == "lockstep" else 0)
-        self._period_ns = period_ns
+        lockstep = source == "lockstep"
+        self._schedule = FrameSchedule(self._period_ns, clock_period_ns if lockstep else 0)
         self._now = 0.0
-        self._clock_ns = -1
-        self._waiting = JoyQueue() if source == "lockstep" else None
+        self._gate: StampGate[Clock] = StampGate(
+            clock_period_ns, refuser(self, graph.CLOCK), 2 * clock_period_ns
+        )
+        self._waiting = JoyQueue() if lockstep else None
         self._line = SbusLine(port)
         self._reported = (0, 0)
         # Joysticks before the clock: what was sent before a time is here at that time.
-        self.hot: Sequence[Subscription] = [
+        self.hot: list[Subscription] = [
             self.create_subscription(Joy, graph.JOY, self._on_joy, qos.COMMAND)
         ]
         self.hot_timers: list[Timer] = []
@@ -94,7 +67,7 @@ class RcTransmitter(Node):
             self.hot_timers.append(self.create_timer(period, self._on_timer))
         else:
             clock = self.create_subscription(Clock, graph.CLOCK, self._on_clock, qos.CLOCK)
-            self.hot = [*self.hot, clock]
+            self.hot.append(clock)
         self._diagnostics = diagnostics.Diagnostics(self, "SBUS transmitter", self._report)
 
     def _on_joy(self, joy: Joy) -> None:
@@ -112,9 +85,13 @@ class RcTransmitter(Node):
 
     def _on_clock(self, clock: Clock) -> None:
         now_ns = stamps.to_ns(clock.clock)
-        if now_ns == self._clock_ns:
-            return  # The time of a world that stands still is told again and again.
-        self._clock_ns = now_ns
+        for turn, _ in self._gate.admit(now_ns, clock):
+            # A world that stands still tells its time again and again; at 0 none has gone by.
+            if turn is not Turn.REPEAT and now_ns > 0:
+                self._go_on(now_ns)
+
+    def _go_on(self, now_ns: int) -> None:
+        """Send the frames until a time, act on what has been moved until then."""
         frames, back = self._schedule.due(now_ns)
         self._now = 1e-9 * now_ns
         if back:
@@ -166,16 +143,28 @@ class RcTransmitter(Node):
         self._line.close()
 
 
-_PLACES = {
-    "throttle": "axis for thrust, down is none",
-    "roll": "axis for roll, left is positive",
-    "pitch": "axis for pitch, forward (nose down) is positive",
-    "yaw": "axis for yaw, left is positive",
-    "arm": "button of the arming switch",
-    "kill": "button of the kill switch",
-    "mode": "button of the mode switch: off STABILIZED, on OFFBOARD",
-}
-"""Parameters joy_<name>: what is where in sensor_msgs/Joy, -1 for nowhere."""
+def declare_mapping(node: Node) -> RcMapping:
+    """Declare what the joystick's axes and buttons do; return it."""
+    layout = JoyLayout()
+    places = {
+        name: declare(node, f"joy_{name}", getattr(layout, name), what, -1, 31)
+        for name, what in JOY_PLACES.items()
+    }
+    what = "share of a centred stick's travel that is centre [-]"
+    dead_band = declare(node, "dead_band", 0.02, what, 0.0, 0.5)
+    what = "age at which a joystick message is lost: failsafe [s]"
+    silence = declare(node, "joy_silence", 0.5, what, 0.05, 5.0)
+    what = "buttons spring back: each press turns a switch over"
+    momentary = declare(node, "momentary", False, what)
+    what = "the throttle springs back: its centre is no thrust"
+    upper_half = declare(node, "upper_half", False, what)
+    return RcMapping(
+        JoyLayout(**places),
+        dead_band=dead_band,
+        silence=silence,
+        momentary=momentary,
+        upper_half=upper_half,
+    )
 
 
 def main() -> int:

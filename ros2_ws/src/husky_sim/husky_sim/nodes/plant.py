@@ -4,121 +4,81 @@ from __future__ import annotations
 
 import sys
 import time
-from collections import deque
-from pathlib import Path
-from typing import Any
 
 import numpy as np
-from nav_msgs.msg import Odometry
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rosgraph_msgs.msg import Clock
-from scipy.spatial.transform import Rotation
 from std_srvs.srv import SetBool
 
-from husky_description import graph
-from husky_description.lockstep import Peer, Presence
-from husky_description.nodes import diagnostics, qos, stamps
-from husky_description.nodes.parameters import declare, declare_mounting
-from husky_description.nodes.run import run
-from husky_description.nodes.tick_clock import TickClock, percentile_ms
-from husky_description.robot import load_robot
-from husky_drivers.vn200_imu import ImuFigures
-from husky_msgs.msg import EstimateError, FootContacts, ServoCommand, ServoState
+from husky_drivers.vn200.imu import ImuFigures
 from husky_msgs.srv import ApplyWrench, InjectFault, ResetWorld, StepWorld
-from husky_sim.nodes.plant_parameters import declare_world
+from husky_runtime import graph
+from husky_runtime.lockstep import Presence
+from husky_runtime.nodes import diagnostics, stamps
+from husky_runtime.nodes.one_clock import OneClock
+from husky_runtime.nodes.parameters import declare
+from husky_runtime.nodes.run import run
+from husky_runtime.nodes.tick_clock import TickClock, percentile_ms
+from husky_sim.devices.vn200.device import Vn200Device
+from husky_sim.nodes.answered_wire import peer_of
+from husky_sim.nodes.ground_truth import GroundTruth
+from husky_sim.nodes.joint_wires import open_joint_wires
+from husky_sim.nodes.plant_parameters import declare_and_build_world
 from husky_sim.nodes.propulsion_wires import PropulsionWires
-from husky_sim.nodes.sensor_line import SensorLine, warn_of_silence
-from husky_sim.vn200_device import Vn200Device
-from husky_sim.world import Array, World
+from husky_sim.nodes.sensor_line import SensorLine
+from husky_sim.nodes.world_clock import ImuLatency, WorldClock
+from husky_sim.nodes.world_steps import WorldSteps
 
-_RESEND_PERIOD = 0.1
-"""Wall time after which an unanswered state is sent again: best effort may lose one [s]."""
-_TRUTHS_KEPT = 64
-"""Ticks for which the truth is kept to compare estimates with."""
 _TRUTH_EVERY = 5
 """Ticks between two messages of ground truth: 100 Hz."""
 
 
-class Plant(Node):
+class Plant(OneClock, Node):
     """Steps the world and speaks for the motors, the IMU and the ground truth.
 
-    In lockstep a tick goes: publish the state of tick k, wait until the drive bridge has answered
-    with k's stamp, step by 2 ms. In realtime a wall timer steps and the newest answer counts.
+    In lockstep a tick goes: tell the state of tick k, wait until who commands the joints has
+    answered it (`husky_sim.nodes.joint_wires`), step by 2 ms. In realtime a wall timer steps and
+    the newest answer counts.
     """
 
     def __init__(self) -> None:
         """Declare parameters, build the world, open the wires."""
         super().__init__(graph.PLANT)
-        self._lockstep = (
-            declare(self, "time", "lockstep", "who sets the pace", allowed=("lockstep", "realtime"))
-            == "lockstep"
-        )
-        grace = declare(
-            self, "grace", 1.0, "wall time a silent peer is waited for [s]", lower=0.2, upper=60.0
-        )
-        payload = declare(
-            self,
-            "payload",
-            -1.0,
-            "payload [kg], negative for 7.6 kg in all",
-            lower=-1.0,
-            upper=10.0,
-        )
-        scene = declare(self, "save_scene", "", "file that gets the world as MuJoCo XML")
-        options = declare_world(self)
-        changes: dict[str, Any] = {} if payload < 0.0 else {"payload_mass": payload}
-        robot = load_robot(**changes, **declare_mounting(self))
-        self._world = World(robot, options)
-        if scene:
-            Path(scene).write_text(self._world.scene_xml)
-        self._seed = options.seed
-        self._imu = SensorLine(
-            self,
-            Vn200Device(ImuFigures.of(robot.imu), self._seed),
-            "imu_port",
-            "the IMU's serial line",
-            Peer(graph.VN200_DRIVER, grace),
-        )
-        self._bridge = Peer(graph.DRIVE_BRIDGE, grace)
-        self._command_ns = -1
+        paces = ("lockstep", "realtime")
+        pace = declare(self, "time", "lockstep", "who sets the pace", allowed=paces)
+        self._lockstep = pace == "lockstep"
+        grace = declare(self, "grace", 1.0, "wall time a silent peer is waited for [s]", 0.2, 60.0)
+        self._world = declare_and_build_world(self)
+        self._seed = self._world.options.seed
+        device = Vn200Device(ImuFigures.of(self._world.robot.imu), self._seed)
+        driver = peer_of(self._world, graph.VN200_DRIVER, grace)
+        self._imu = SensorLine(self, device, "imu_port", "the IMU's serial line", driver)
         self._paused = declare(self, "start_paused", False, "wait for the step or pause service")
-        self._steps_left = 0
+        self._steps = WorldSteps()
         self._started = False
         self._overruns = 0
-        self._wires: PropulsionWires | None = None
         self._tick_clock = TickClock(graph.TICK_PERIOD)
-        self._imu_sent: dict[int, float] = {}
-        self._truths: dict[int, tuple[Array, Array, Array]] = {}
-        self._latencies: deque[float] = deque(maxlen=2048)
-        self._next_due = self._sent_at = time.monotonic()
-
-        self._state = ServoState()
-        self._clock_message = Clock()
-        self._clock_ns, self._clock_at = 0, 0.0
-        self._state_publisher = self.create_publisher(ServoState, graph.SERVO_STATE, qos.CONTROL)
-        self._clock_publisher = self.create_publisher(Clock, graph.CLOCK, qos.CLOCK)
-        self._truth_publisher = self.create_publisher(Odometry, graph.GROUND_TRUTH, qos.STATUS)
-        self._contacts_publisher = self.create_publisher(
-            FootContacts, graph.FOOT_CONTACTS, qos.STATUS
+        self._latency = ImuLatency()
+        self._next_due = time.monotonic()
+        self._world_clock = WorldClock(self)
+        self._truth = GroundTruth(self, self._world)
+        self._joints = open_joint_wires(
+            self, self._world, grace, self._world_clock, self._latency, self._on_answer
         )
-        self._error_publisher = self.create_publisher(
-            EstimateError, graph.ESTIMATE_ERROR, qos.STATUS
-        )
-        # An estimate is compared before the world moves on.
-        self.hot = [
-            self.create_subscription(Odometry, graph.ODOMETRY, self._on_estimate, qos.STATUS),
-            self.create_subscription(
-                ServoCommand, graph.SERVO_COMMAND, self._on_command, qos.CONTROL
-            ),
-        ]
+        self.hot = [self._truth.subscription, *self._joints.hot]
+        self.hot_wires = self._joints.hot_wires
+        self._wires: PropulsionWires | None = None
         if self._world.fans is not None:
             self._wires = PropulsionWires(self, self._world, self._seed, grace, self._on_answer)
             self.hot.append(self._wires.hot)
-        if not self._world.has_legs:
-            self._bridge = Peer(graph.DRIVE_BRIDGE, grace, start_grace=None)
-            self._imu.expect(Peer(graph.VN200_DRIVER, grace, start_grace=None))
+        self._offer_services()
+        self._diagnostics = diagnostics.Diagnostics(self, "MuJoCo", self._report)
+        self.hot_timers = []
+        if not self._lockstep:
+            self.hot_timers.append(self.create_timer(graph.TICK_PERIOD, self._on_period))
+
+    def _offer_services(self) -> None:
         self.create_service(ResetWorld, graph.PLANT_RESET, self._on_reset)
         self.create_service(SetBool, graph.PLANT_PAUSE, self._on_pause)
         self.create_service(StepWorld, graph.PLANT_STEP, self._on_step)
@@ -126,143 +86,95 @@ class Plant(Node):
         self.create_service(SetBool, graph.PLANT_HOLD, self._on_hold)
         self.create_service(InjectFault, graph.PLANT_INJECT_FAULT, self._on_inject_fault)
         self.add_on_set_parameters_callback(self._on_set_parameters)
-        self._diagnostics = diagnostics.Diagnostics(self, "MuJoCo", self._report)
-        self.hot_timers = []
-        if not self._lockstep:
-            self.hot_timers.append(self.create_timer(graph.TICK_PERIOD, self._on_period))
 
     def _on_set_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
-        """Move the trolley."""
+        """Move the trolley, let the wind blow."""
         for parameter in parameters:
+            if parameter.name == "wind":
+                try:
+                    self._world.blow(parameter.value)
+                except ValueError as error:
+                    return SetParametersResult(successful=False, reason=str(error))
             if parameter.name == "trolley_position" and self._world.gantry is not None:
                 self._world.gantry.move_to(parameter.value)
         return SetParametersResult(successful=True)
 
     # The tick -------------------------------------------------------------------------------
-    def _on_command(self, command: ServoCommand) -> None:
-        stamp = stamps.to_ns(command.stamp)
-        if stamp > self._world.time_ns:
-            return  # of a time before a reset
-        self._bridge.answer(stamp)
-        if stamp < self._command_ns:
-            return  # a sign of life
-        self._command_ns = stamp
-        self._measure_latency(stamps.to_ns(command.imu_stamp))
-        self._world.servos.set_command(
-            command.kind,
-            command.position,
-            command.velocity,
-            command.torque,
-            command.kp,
-            command.kd,
-            command.torque_limit,
-        )
-        self._on_answer()
-
     def _on_answer(self) -> None:
         if self._lockstep:
             self._advance()
-
-    def _measure_latency(self, imu_ns: int) -> None:
-        """The first command that stands on an IMU sample has come: how old is the sample?"""
-        sent = self._imu_sent.pop(imu_ns, None)
-        if sent is not None:
-            self._latencies.append(time.perf_counter() - sent)
-            for older in [key for key in self._imu_sent if key < imu_ns]:
-                del self._imu_sent[older]
+            self._settle()
 
     def quiet(self) -> None:
         """Talk to the IMU's driver, say again what was lost, go on without a lost peer."""
         self._imu.service()
         if not self._lockstep:
             return
-        if self._started and self._bridge.owes(self._world.time_ns):
-            now = time.monotonic()
-            if now - self._sent_at > _RESEND_PERIOD:
-                self._send_state()
-            self._await_bridge(now)
+        if self._started:
+            self._joints.await_answer(time.monotonic())
         if self._wires is not None:
             self._wires.serve()
             if self._started:
                 self._wires.await_answer(time.monotonic())
         self._advance()
-        if self._started and not self._running():
-            self._repeat_clock(time.monotonic())
-
-    def _repeat_clock(self, now: float) -> None:
-        """Tell the time of a world that stands still to who did not hear it or comes later."""
-        if now - self._clock_at > _RESEND_PERIOD and self._clock_ns > 0:
-            self._send_clock(self._clock_ns)
-
-    def _send_clock(self, time_ns: int) -> None:
-        self._clock_ns, self._clock_at = time_ns, time.monotonic()
-        stamps.fill(self._clock_message.clock, time_ns)
-        self._clock_publisher.publish(self._clock_message)
-
-    def _await_bridge(self, now: float) -> None:
-        if self._bridge.expire(now):
-            warn_of_silence(self, self._bridge)
+        self._settle()
+        if self._started:
+            self._world_clock.repeat(time.monotonic())
 
     def _advance(self) -> None:
         """Step if the tick is complete and the world may go on; then publish the new state."""
         if self._running() and self._started and self._is_answered():
             self._tick()
         if self._running() and not self._started and self._sensors_are_set_up():
-            # The first state of a run: nobody has answered it yet.
+            # The first state of a run: nobody has answered it yet. A time that starts again is
+            # believed when it is told twice.
             self._started = True
+            self._world_clock.tell(self._world.time_ns)
+            self._publish_state()
             self._publish_state()
 
     def _is_answered(self) -> bool:
         """Return whether everyone who takes part has answered the state of now."""
         wires = self._wires
-        return self._bridge.ready(self._world.time_ns) and (wires is None or wires.ready())
+        return self._joints.ready() and (wires is None or wires.ready())
 
     def _sensors_are_set_up(self) -> bool:
         """Return whether the drivers have told their devices to stream: no run misses a sample."""
-        imu = self._imu.is_set_up()
-        return (self._wires is None or self._wires.driver_is_set_up()) and imu
+        imu, joints = self._imu.is_set_up(), self._joints.is_set_up()
+        return (self._wires is None or self._wires.driver_is_set_up()) and imu and joints
 
     def _running(self) -> bool:
-        return self._steps_left > 0 or not self._paused
+        return self._steps.left > 0 or not self._paused
 
     def _tick(self) -> None:
         world = self._world
         self._tick_clock.start()
         samples = world.step_tick()
-        self._steps_left = max(0, self._steps_left - 1)
+        self._joints.advance()
+        self._steps.count()
         self._publish_state()  # first: the others work while the IMU's bytes are written
         for sample in samples:
             self._imu.device.sample(
-                sample.time_ns,
-                sample.orientation,
-                sample.angular_velocity,
-                sample.specific_force,
+                sample.time_ns, sample.orientation, sample.angular_velocity, sample.specific_force
             )
-            self._imu_sent[sample.time_ns] = time.perf_counter()
+            self._latency.begin(sample.time_ns)
         self._imu.service()
         if self._wires is not None:
             self._wires.serve()
-        self._remember_truth()
+        self._truth.remember()
+        world.measure_sliding()
         if (world.time_ns // graph.TICK_PERIOD_NS) % _TRUTH_EVERY == 0:
-            self._publish_truth()
+            if self._world_clock.time_ns != world.time_ns:  # told already where it makes the tick
+                self._world_clock.tell(world.time_ns)
+            self._truth.publish()
+            if self._wires is not None:
+                self._wires.publish_state()
         self._tick_clock.end()
 
     def _publish_state(self) -> None:
         if self._wires is not None:
             self._wires.publish()
-        if not self._world.has_legs:
-            return
-        state, servos = self._state, self._world.servos
-        stamps.fill(state.stamp, self._world.time_ns)
-        state.encoder_count = servos.encoder_count
-        state.velocity_count = servos.velocity_count
-        state.current = servos.current
-        state.bus_voltage = servos.bus_voltage
-        self._send_state()
-
-    def _send_state(self) -> None:
-        self._sent_at = time.monotonic()
-        self._state_publisher.publish(self._state)
+        self._joints.tell()
 
     def _on_period(self) -> None:
         """Realtime: one tick every 2 ms of wall time."""
@@ -272,72 +184,10 @@ class Plant(Node):
             self._next_due = now
         self._next_due += graph.TICK_PERIOD
         if self._running():
-            if not self._bridge.ready(self._world.time_ns):
-                self._await_bridge(now)
+            self._joints.watch(now)
             if self._wires is not None:
                 self._wires.watch(now)
             self._tick()
-
-    # Ground truth ---------------------------------------------------------------------------
-    def _publish_truth(self) -> None:
-        world = self._world
-        self._send_clock(world.time_ns)
-        truth = Odometry()
-        truth.header.frame_id = graph.FRAME_WORLD
-        truth.child_frame_id = graph.FRAME_BASE
-        stamps.fill(truth.header.stamp, world.time_ns)
-        pose, twist = truth.pose.pose, truth.twist.twist
-        pose.position.x, pose.position.y, pose.position.z = map(float, world.base_position)
-        orientation = world.base_orientation
-        q = pose.orientation
-        q.x, q.y, q.z, q.w = map(float, orientation)
-        velocity = world.base_velocity_in_base()
-        twist.linear.x, twist.linear.y, twist.linear.z = velocity.tolist()
-        rate = world.base_angular_velocity
-        twist.angular.x, twist.angular.y, twist.angular.z = map(float, rate)
-        self._truth_publisher.publish(truth)
-        if self._wires is not None:
-            self._wires.publish_state()
-        if not world.has_legs:
-            return
-
-        contacts = FootContacts()
-        stamps.fill(contacts.stamp, world.time_ns)
-        forces, normals = world.foot_contacts()
-        contacts.contact = np.any(forces, axis=1).tolist()
-        for values, vectors in (
-            (forces, contacts.force),
-            (normals, contacts.normal),
-            (world.foot_positions(), contacts.position),
-        ):
-            for value, vector in zip(values.tolist(), vectors, strict=True):
-                vector.x, vector.y, vector.z = value
-        point = contacts.center_of_mass
-        point.x, point.y, point.z = world.center_of_mass().tolist()
-        self._contacts_publisher.publish(contacts)
-
-    def _on_estimate(self, estimate: Odometry) -> None:
-        """Compare the controller's estimate with the truth of its stamp, if that is recent."""
-        truth = self._truths.get(stamps.to_ns(estimate.header.stamp))
-        if truth is None:
-            return
-        true_position, true_orientation, true_velocity = truth
-        position, q = estimate.pose.pose.position, estimate.pose.pose.orientation
-        linear = estimate.twist.twist.linear
-        estimated = Rotation.from_quat((q.x, q.y, q.z, q.w))
-        true = Rotation.from_quat(true_orientation, scalar_first=True)
-        error = EstimateError()
-        error.stamp = estimate.header.stamp
-        error.position = np.array((position.x, position.y, position.z)) - true_position
-        error.velocity = estimated.apply((linear.x, linear.y, linear.z)) - true_velocity
-        error.attitude = (true.inv() * estimated).as_rotvec()
-        self._error_publisher.publish(error)
-
-    def _remember_truth(self) -> None:
-        """Keep the truth of the last ticks: estimates come a little later."""
-        qpos, qvel = self._world.data.qpos, self._world.data.qvel
-        self._truths[self._world.time_ns] = (qpos[0:3].copy(), qpos[3:7].copy(), qvel[0:3].copy())
-        self._truths.pop(self._world.time_ns - _TRUTHS_KEPT * graph.TICK_PERIOD_NS, None)
 
     # Services -------------------------------------------------------------------------------
     def _on_reset(self, request: ResetWorld.Request, response: ResetWorld.Response):  # type: ignore[no-untyped-def]
@@ -346,51 +196,62 @@ class Plant(Node):
         except ValueError as error:
             response.success, response.message = False, str(error)
             return response
-        self._imu_sent.clear()
-        self._truths.clear()
+        self._latency.restart()
+        self._truth.restart()
         self._seed = self._seed if request.seed < 0 else int(request.seed)
         self._imu.device.restart(self._seed)
-        self._bridge.restart()
+        self._joints.restart()
         if self._wires is not None:
             self._wires.restart(self._seed)
-        self._command_ns = -1
-        self._clock_ns = 0
+        self._world_clock.time_ns = 0
         self._started = False
+        self._end_step("a reset")
         response.success, response.message = True, "the world is back at time 0"
         return response
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response):  # type: ignore[no-untyped-def]
         self._paused = request.data
+        if request.data:
+            self._steps.end("a pause")  # answered as soon as its last tick is
+        else:
+            self._end_step("the world that runs again")
         response.success = True
         response.message = f"{'paused' if request.data else 'running'} at {self._world.time_ns} ns"
         return response
 
     def _on_step(self, request: StepWorld.Request, response: StepWorld.Response):  # type: ignore[no-untyped-def]
-        if not (self._lockstep and self._paused):
-            response.message = "stepping needs the lockstep clock and a paused world"
-        elif request.ticks < 1:
-            response.message = f"ticks is {request.ticks}, it must be at least 1"
+        """Begin a step; it is answered when it is done, and others are heard meanwhile."""
+        if self._lockstep and self._paused:
+            response.message = self._steps.refusal(request.ticks)
         else:
-            self._steps_left = request.ticks
-            self._advance()
-            self.executor.spin_hot_until(self._has_settled)
-            response.success = True
-        stamps.fill(response.stamp, self._world.time_ns)
-        response.trajectory_sha256 = self._world.trajectory_sha256
-        return response
+            response.message = "stepping needs the lockstep clock and a paused world"
+        if response.message:
+            stamps.fill(response.stamp, self._world.time_ns)
+            response.trajectory_sha256 = self._world.trajectory_sha256
+            return response
+        answer = self._steps.begin(request.ticks, response)
+        self._advance()
+        self._settle()
+        return answer
+
+    def _settle(self) -> None:
+        """Answer a step when it is done and the bridge has told everybody of its last tick.
+
+        So whatever the asker sends next comes after that tick, at any node.
+        """
+        if self._steps.under_way and self._steps.left == 0 and self._is_answered():
+            self._steps.answer(self._world.time_ns, self._world.trajectory_sha256)
+
+    def _end_step(self, reason: str) -> None:
+        """Answer a step at once: its ticks will not be done."""
+        self._steps.end(reason)
+        self._steps.answer(self._world.time_ns, self._world.trajectory_sha256)
 
     def _on_hold(self, request: SetBool.Request, response: SetBool.Response):  # type: ignore[no-untyped-def]
         self._world.hold(request.data)
         response.success = True
         response.message = f"the base is {'held' if request.data else 'free'}"
         return response
-
-    def _has_settled(self) -> bool:
-        """Whether the steps asked for are done and the bridge has told everybody of the last one.
-
-        So whatever the asker sends next comes after that tick, at any node.
-        """
-        return self._steps_left == 0 and self._is_answered()
 
     def _on_apply_wrench(self, request: ApplyWrench.Request, response: ApplyWrench.Response):  # type: ignore[no-untyped-def]
         force, torque = request.wrench.force, request.wrench.torque
@@ -409,11 +270,12 @@ class Plant(Node):
 
     def _on_inject_fault(self, request: InjectFault.Request, response: InjectFault.Response):  # type: ignore[no-untyped-def]
         try:
-            if self._wires is not None and self._wires.inject(request.target, request.fault):
+            wires = [self._joints, *([self._wires] if self._wires is not None else ())]
+            if any(each.inject(request.target, request.fault) for each in wires):
                 response.success = True
                 return response
             if request.target != "imu":
-                targets = ["imu", *(self._wires.targets() if self._wires is not None else ())]
+                targets = ["imu", *(name for each in wires for name in each.targets())]
                 response.message = (
                     f"target is {request.target!r}, the plant has: {', '.join(targets)}"
                 )
@@ -426,9 +288,9 @@ class Plant(Node):
         return response
 
     def _report(self) -> diagnostics.Report:
-        peers = [self._bridge]
+        peers = [self._joints.peer]
         if self._wires is not None:
-            peers.append(self._wires.flight_controller)
+            peers.append(self._wires.peer)
         lost = [peer.name for peer in peers if peer.presence is Presence.LOST]
         level, message = diagnostics.OK, "running"
         if lost:
@@ -447,8 +309,8 @@ class Plant(Node):
                 "tick_ms_p50": percentile_ms(self._tick_clock.durations(), 50),
                 "period_ms_p50": percentile_ms(self._tick_clock.periods(), 50),
                 "period_ms_p99": percentile_ms(self._tick_clock.periods(), 99),
-                "imu_to_target_ms_p50": percentile_ms(np.array(self._latencies), 50),
-                "imu_to_target_ms_p99": percentile_ms(np.array(self._latencies), 99),
+                "imu_to_target_ms_p50": percentile_ms(self._latency.durations(), 50),
+                "imu_to_target_ms_p99": percentile_ms(self._latency.durations(), 99),
                 "peer_losses": sum(peer.losses for peer in peers),
                 "lost_peers": " ".join(lost),
                 "trajectory_sha256": self._world.trajectory_sha256,
@@ -458,6 +320,7 @@ class Plant(Node):
     def close(self) -> None:
         """Give the serial line back."""
         self._imu.close()
+        self._joints.close()
         if self._wires is not None:
             self._wires.close()
 

@@ -2,131 +2,115 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 from rclpy.node import Node
 
-from husky_description import graph
 from husky_description.gantry import GantryOptions
-from husky_description.nodes.parameters import declare
+from husky_runtime import graph
+from husky_runtime.nodes.parameters import declare, declare_mounting, declare_robot, declare_sensing
 from husky_sim.gantry import RAIL
+from husky_sim.ideal_sensing import IDEAL_SENSING
 from husky_sim.scene import CONTACT_PRESETS, WorldOptions
 from husky_sim.terrain import KINDS, TerrainOptions
+from husky_sim.world import World
+
+_TERRAIN = {
+    "height": ("tile, step, or step behind a gap [m]", 0.0, 1.0),
+    "size": ("tile or step, or width of a gap [m]", 0.02, 10.0),
+    "length": ("of tiles and steps along x, of a ramp's slope [m]", 0.1, 100.0),
+    "approach": ("flat ground before a ramp or a gap [m]", 0.0, 100.0),
+    "blend": ("radius of a ramp's arcs at foot and crest [m]", 0.0, 100.0),
+    "top": ("flat ground at a ramp's top or behind a gap [m]", 0.0, 100.0),
+}
+"""Parameters terrain_<attribute of `TerrainOptions`>: what they are, and their range."""
 
 
-def declare_world(node: Node) -> WorldOptions:
-    """Declare what stands on what ground, and where; return it.
+def declare_and_build_world(node: Node) -> World:
+    """Declare what there is, build it, and save its scene where that is asked for.
 
     Raises:
         ValueError: a word or a combination that cannot be built.
+        OSError: the scene cannot be saved.
     """
-    defaults, ground = WorldOptions(), TerrainOptions()
-    friction = declare(
-        node,
-        "friction",
-        -1.0,
-        "sliding friction [-], negative for the preset's",
-        lower=-1.0,
-        upper=5.0,
-    )
+    what = "payload [kg], negative for what the robot's file says"
+    payload = declare(node, "payload", -1.0, what, -1.0, 10.0)
+    scene = declare(node, "save_scene", "", "file that gets the world as MuJoCo XML")
+    options = declare_world(node)
+    sensing = declare_sensing(node, "VN-200 and T265")
+    changes: dict[str, Any] = {} if payload < 0.0 else {"payload_mass": payload}
+    changes |= IDEAL_SENSING if sensing == "ideal" else {}
+    world = World(declare_robot(node, **changes, **declare_mounting(node)), options)
+    what = "velocity of the air in world [m/s]; at zero the air is left out"
+    world.blow(declare(node, "wind", [0.0, 0.0, 0.0], what, read_only=False))
+    if scene:
+        Path(scene).write_text(world.scene_xml)
+    return world
+
+
+def declare_world(node: Node) -> WorldOptions:
+    """Declare what stands where; return it; raises ValueError for what cannot be built."""
+    defaults = WorldOptions()
+    terrain = _declare_terrain(node)
+    presets = tuple(CONTACT_PRESETS)
+    contact = declare(node, "contact", defaults.contact, "contact preset", allowed=presets)
+    what = "sliding friction [-], negative for the preset's"
+    friction = declare(node, "friction", -1.0, what, -1.0, 5.0)
+    timestep = declare(node, "timestep", defaults.timestep, "physics step [s]", 1e-5, 0.002)
+    body = declare(node, "body", defaults.body, "what stands in the world", allowed=graph.BODIES)
+    unit = body == "unit"
+    posture = "stand" if unit else defaults.keyframe
+    postures = ("stand",) if unit else ("sit", "stand")
+    what = "initial posture; the unit alone has stand only, its default"
+    keyframe = declare(node, "keyframe", posture, what, allowed=postures)
+    gantry = _declare_gantry(node)
+    height = declare(node, "start_height", 0.0, "above the posture's own height [m]", 0.0, 5.0)
+    what = "of the start along the ground's surface from x = 0 [m]"
+    distance = declare(node, "start_distance", defaults.start_distance, what, 0.0, 200.0)
+    what = "the base is held in place until /plant/hold releases it"
+    held = declare(node, "start_held", defaults.start_held, what)
     return WorldOptions(
-        terrain=TerrainOptions(
-            kind=declare(node, "terrain", ground.kind, "kind of ground", allowed=KINDS),
-            slope=np.radians(
-                declare(node, "slope_deg", 0.0, "inclination [deg]", lower=-90.0, upper=90.0)
-            ),
-            height=declare(
-                node, "terrain_height", ground.height, "tile or step [m]", lower=0.0, upper=1.0
-            ),
-            size=declare(
-                node, "terrain_size", ground.size, "tile or step [m]", lower=0.02, upper=10.0
-            ),
-            length=declare(
-                node,
-                "terrain_length",
-                ground.length,
-                "of tiles and steps along x, of a ramp's slope [m]",
-                lower=0.1,
-                upper=100.0,
-            ),
-            approach=declare(
-                node,
-                "terrain_approach",
-                ground.approach,
-                "flat ground before a ramp [m]",
-                lower=0.0,
-                upper=100.0,
-            ),
-            blend=declare(
-                node,
-                "terrain_blend",
-                ground.blend,
-                "radius of a ramp's arcs at foot and crest [m]",
-                lower=0.0,
-                upper=100.0,
-            ),
-            top=declare(
-                node,
-                "terrain_top",
-                ground.top,
-                "flat ground at a ramp's top [m]",
-                lower=0.0,
-                upper=100.0,
-            ),
-        ),
-        contact=declare(
-            node, "contact", defaults.contact, "contact preset", allowed=tuple(CONTACT_PRESETS)
-        ),
+        terrain=terrain,
+        contact=contact,
         friction=friction if friction > 0.0 else None,
-        timestep=declare(
-            node, "timestep", defaults.timestep, "physics step [s]", lower=1e-5, upper=0.002
-        ),
-        keyframe=declare(
-            node, "keyframe", defaults.keyframe, "initial posture", allowed=("sit", "stand")
-        ),
-        body=declare(node, "body", defaults.body, "what stands in the world", allowed=graph.BODIES),
-        gantry=_declare_gantry(node),
-        start_height=declare(
-            node,
-            "start_height",
-            0.0,
-            "above the posture's own height [m]",
-            lower=0.0,
-            upper=5.0,
-        ),
-        start_distance=declare(
-            node,
-            "start_distance",
-            defaults.start_distance,
-            "of the start along the ground's surface from x = 0 [m]",
-            lower=0.0,
-            upper=200.0,
-        ),
-        start_held=declare(
-            node,
-            "start_held",
-            defaults.start_held,
-            "the base is held in place until /plant/hold releases it",
-        ),
-        seed=declare(node, "seed", defaults.seed, "of all noise", lower=0, upper=2**31 - 1),
+        timestep=timestep,
+        body=body,
+        keyframe=keyframe,
+        gantry=gantry,
+        start_height=height,
+        start_distance=distance,
+        start_held=held,
+        seed=declare(node, "seed", defaults.seed, "of all noise", 0, 2**31 - 1),
     )
+
+
+def _declare_terrain(node: Node) -> TerrainOptions:
+    ground = TerrainOptions()
+    kind = declare(node, "terrain", ground.kind, "kind of ground", allowed=KINDS)
+    slope = declare(node, "slope_deg", 0.0, "inclination [deg]", -90.0, 90.0)
+    rest = {
+        name: declare(node, f"terrain_{name}", getattr(ground, name), *row)
+        for name, row in _TERRAIN.items()
+    }
+    return TerrainOptions(kind=kind, slope=np.radians(slope), **rest)
 
 
 def _declare_gantry(node: Node) -> GantryOptions | None:
     defaults = GantryOptions()
     wanted = declare(node, "gantry", False, "a gantry with two ropes over the body")
     options = GantryOptions(
-        height=declare(
-            node, "gantry_height", defaults.height, "of the beam [m]", lower=0.5, upper=10.0
-        ),
-        rope=declare(node, "rope_length", defaults.rope, "of each rope [m]", lower=0.1, upper=10.0),
+        height=declare(node, "gantry_height", defaults.height, "of the beam [m]", 0.5, 10.0),
+        rope=declare(node, "rope_length", defaults.rope, "of each rope [m]", 0.1, 10.0),
     )
     declare(
         node,
         "trolley_position",
         0.0,
         "where the gantry's trolley is sent along x [m]",
-        lower=-RAIL,
-        upper=RAIL,
+        -RAIL,
+        RAIL,
         read_only=False,
     )
     return options if wanted else None

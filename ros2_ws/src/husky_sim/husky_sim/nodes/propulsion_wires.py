@@ -2,35 +2,33 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 
 import numpy as np
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 
-from husky_description import graph
-from husky_description.lockstep import Peer
-from husky_description.nodes import qos, stamps
 from husky_msgs.msg import FanCommand, FanState, FlightSensors
-from husky_sim.nodes.sensor_line import SensorLine, warn_of_silence
-from husky_sim.t265_device import T265Device
+from husky_runtime import graph, qos
+from husky_runtime.lockstep import Peer
+from husky_runtime.nodes import stamps
+from husky_sim.devices.t265.device import T265Device
+from husky_sim.nodes.answered_wire import AnsweredWire
+from husky_sim.nodes.sensor_line import SensorLine
 from husky_sim.world import World
 
-_RESEND_PERIOD = 0.1
-"""Wall time after which unanswered sensors are sent again [s]."""
 _PULSE_TIMEOUT_NS = 20_000_000
 """Realtime: a pulse train that is not renewed for so long has ended [ns]."""
 FAN_SUFFIX = "_fan"
 """Fault targets are `<leg>_fan`."""
 
 
-class PropulsionWires:
+class PropulsionWires(AnsweredWire):
     """Speaks for the sensors of the flight controller, the fans and the T265.
 
     Attributes:
+        peer: the flight controller, which answers the sensors.
         hot: the subscription that a tick waits for.
-        flight_controller: who answers the sensors.
     """
 
     def __init__(
@@ -46,16 +44,14 @@ class PropulsionWires:
             advance: called when the flight controller has answered.
         """
         assert world.fans is not None
-        self._node, self._world, self._fans = node, world, world.fans
-        self._advance = advance
-        self.flight_controller = Peer(graph.FLIGHT_CONTROLLER, grace)
+        super().__init__(node, world, Peer(graph.FLIGHT_CONTROLLER, grace))
+        self._fans, self._advance = world.fans, advance
         self._command_ns = -1
-        self._sent_at = time.monotonic()
         self._sensors, self._state = FlightSensors(), FanState()
         self._telemetry = bool(world.robot.esc.telemetry)
         self._sensors.fan_speed = self._sensors.fan_current = np.full(4, np.nan)
         self._sensors_publisher = node.create_publisher(
-            FlightSensors, graph.FLIGHT_SENSORS, qos.CONTROL
+            FlightSensors, graph.FLIGHT_SENSORS, qos.CONTROL_OFFERED
         )
         self._state_publisher = node.create_publisher(FanState, graph.FAN_STATE, qos.STATUS)
         self.hot: Subscription = node.create_subscription(
@@ -74,7 +70,7 @@ class PropulsionWires:
         stamp = stamps.to_ns(command.stamp)
         if stamp > self._world.time_ns:
             return  # of a time before a reset
-        self.flight_controller.answer(stamp)
+        self.peer.answer(stamp)
         if stamp < self._command_ns:
             return
         self._command_ns = stamp
@@ -82,30 +78,23 @@ class PropulsionWires:
         self._fans.tilt_pwm[:] = command.tilt
         self._advance()
 
-    def ready(self) -> bool:
-        """Return whether this tick's pulses are here, or nobody sends them."""
-        return self.flight_controller.ready(self._world.time_ns)
-
     def driver_is_set_up(self) -> bool:
         """Return whether the T265's driver listens, so that no run misses a pose."""
         return self._t265.is_set_up()
 
-    def await_answer(self, now: float) -> None:
-        """Say the sensors again when they may have been lost; give a silent peer up."""
-        if not self.flight_controller.owes(self._world.time_ns):
-            return
-        if now - self._sent_at > _RESEND_PERIOD:
-            self._send()
-        if self.flight_controller.expire(now):
-            self._fans.pwm[:] = self._fans.tilt_pwm[:] = 0.0  # a dead autopilot gives no pulses
-            warn_of_silence(self._node, self.flight_controller)
-
     def watch(self, now: float) -> None:
-        """Realtime: the same without waiting; pulses end when they are not renewed."""
+        """Realtime: as every wire; pulses end when they are not renewed."""
         if self._world.time_ns - self._command_ns > _PULSE_TIMEOUT_NS:
-            self._fans.pwm[:] = self._fans.tilt_pwm[:] = 0.0
-        if not self.ready() and self.flight_controller.expire(now):
-            warn_of_silence(self._node, self.flight_controller)
+            self._end_pulses()
+        super().watch(now)
+
+    def _lose_peer(self) -> None:
+        """A dead autopilot gives no pulses."""
+        self._end_pulses()
+        super()._lose_peer()
+
+    def _end_pulses(self) -> None:
+        self._fans.pwm[:] = self._fans.tilt_pwm[:] = 0.0
 
     def publish(self) -> None:
         """Tell what the flight controller's sensors measure now."""
@@ -121,8 +110,7 @@ class PropulsionWires:
             sensors.fan_speed, sensors.fan_current = unit.speed, unit.current
         self._send()
 
-    def _send(self) -> None:
-        self._sent_at = time.monotonic()
+    def _say(self) -> None:
         self._sensors_publisher.publish(self._sensors)
 
     def serve(self) -> None:
@@ -151,7 +139,7 @@ class PropulsionWires:
     def restart(self, seed: int) -> None:
         """The world is back at time 0."""
         self._t265.device.restart(seed)
-        self.flight_controller.restart()
+        self.peer.restart()
         self._command_ns = -1
 
     def inject(self, target: str, fault: str) -> bool:

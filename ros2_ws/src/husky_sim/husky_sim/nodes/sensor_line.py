@@ -7,10 +7,10 @@ from typing import Generic, Protocol, TypeVar
 
 from rclpy.node import Node
 
-from husky_description import graph
-from husky_description.lockstep import Peer
-from husky_description.nodes.parameters import declare
-from husky_description.pty_port import PtyPort, SerialDevice
+from husky_runtime.lockstep import Peer
+from husky_runtime.nodes.parameters import declare
+from husky_runtime.nodes.presence import default_serial_port
+from husky_runtime.ports.pty_port import PtyPort, SerialDevice
 
 
 class Sensor(SerialDevice, Protocol):
@@ -28,11 +28,7 @@ SensorT = TypeVar("SensorT", bound=Sensor)
 
 
 class SensorLine(Generic[SensorT]):
-    """Carries a sensor's bytes.
-
-    Attributes:
-        device: the sensor.
-    """
+    """Carries the bytes of a sensor, its `device`."""
 
     def __init__(self, node: Node, device: SensorT, parameter: str, what: str, driver: Peer):
         """Make the port.
@@ -48,12 +44,8 @@ class SensorLine(Generic[SensorT]):
         self._node = node
         self._driver = driver
         name = driver.name.removesuffix("_driver")
-        default = graph.serial_port(name, node.context.get_domain_id())
+        default = default_serial_port(node, name)
         self._port = PtyPort(declare(node, parameter, default, f"where {what} appears"))
-
-    def expect(self, driver: Peer) -> None:
-        """Await another driver."""
-        self._driver = driver
 
     def is_set_up(self) -> bool:
         """Return whether the driver listens, so that no run misses a sample, or is given up."""

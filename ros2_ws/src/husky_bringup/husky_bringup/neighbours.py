@@ -1,0 +1,72 @@
+"""Nodes of this robot that run in our ROS domain on other machines, as DDS discovery tells.
+
+On this machine the locks of `husky_runtime.domain_locks` tell at once and for certain, so nobody
+listens where discovery does not reach further.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Mapping, Sequence
+
+from husky_runtime.domain_locks import SHARED, occupied
+
+_LISTENING = 1.0
+"""Wall time for which nodes elsewhere are listened for [s]: they answer a newcomer's announcements,
+of which `scripts/fastdds.xml` sends ten within half a second."""
+_GATHERING = 0.2
+"""How long the rest is waited for once one has been heard [s]."""
+
+
+def reaches_other_machines(environment: Mapping[str, str]) -> bool:
+    """Return whether DDS discovery looks beyond this machine (ROS 2 Jazzy, Improved Discovery)."""
+    if environment.get("ROS_LOCALHOST_ONLY") == "1":
+        return False
+    if environment.get("ROS_STATIC_PEERS"):
+        return True
+    return environment.get("ROS_AUTOMATIC_DISCOVERY_RANGE") not in ("LOCALHOST", "OFF")
+
+
+def refuse_neighbours(
+    names: Sequence[str], domain: int, environment: Mapping[str, str], namespace: str = "/"
+) -> None:
+    """See to it that no node of these names, in this namespace, is there on another machine.
+
+    Raises:
+        OccupiedError: some are; names them.
+    """
+    if not reaches_other_machines(environment):
+        return
+    heard = set(names) & _listen(set(names) - set(SHARED), domain, namespace)
+    if heard:
+        raise occupied(domain, dict.fromkeys(heard, "on another machine"), namespace)
+
+
+def _listen(awaited: set[str], domain: int, namespace: str) -> set[str]:
+    """Return the names of the nodes that are heard, as soon as one of those awaited is."""
+    import rclpy
+    from rclpy.context import Context
+    from rclpy.node import Node
+
+    context = Context()
+    rclpy.init(context=context, domain_id=domain)
+    try:
+        node = Node(f"newcomer_{os.getpid()}", context=context, start_parameter_services=False)
+
+        def names() -> set[str]:
+            return {
+                name for name, where in node.get_node_names_and_namespaces() if where == namespace
+            }
+
+        end = time.monotonic() + _LISTENING
+        while time.monotonic() < end:
+            if awaited & names():
+                time.sleep(_GATHERING)
+                break
+            time.sleep(0.02)
+        heard = names()
+        node.destroy_node()
+        return heard & awaited
+    finally:
+        rclpy.shutdown(context=context)

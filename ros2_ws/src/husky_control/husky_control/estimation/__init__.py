@@ -1,0 +1,1 @@
+"""Estimation of the body's state and of contacts."""

@@ -1,0 +1,1 @@
+"""Flight on the fans."""

@@ -1,0 +1,1 @@
+"""Gaits: tables, footholds, swing, stance and the walk that joins them."""

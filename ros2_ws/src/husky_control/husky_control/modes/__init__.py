@@ -1,0 +1,1 @@
+"""Modes of the controller and the table of their transitions."""

@@ -1,0 +1,127 @@
+"""Steps of a morph on some legs: from standing on four feet to one or two legs as arms."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from husky_control.flight.knee_thrust import edge_of
+from husky_control.kinematics import LEGS, Kinematics
+from husky_control.modes.morph_postures import MorphPostures
+from husky_description.arrays import Array
+
+if TYPE_CHECKING:
+    from husky_description.robot import Robot
+
+SHIFT_TIME, FOLD_TIME, SPLAY_TIME, SPIN_TIME = 0.8, 0.5, 0.9, 0.5
+"""Of moving the body, of a leg's way from ground to folded, from there to an arm; of spinning a
+propeller up [s]."""
+BESIDE = 0.022
+"""Centre of mass inside of the edge while no propeller works [m]."""
+BETWEEN = -0.020
+"""The same, on the first leg's side, while the second one is lifted: its propeller can give less
+and more [m]."""
+_ARM, _FOLDED, _DOWN = "arm", "folded", "down"
+_PLACES = 6
+"""Times that the body's place is corrected for the centre of mass."""
+
+
+class BalanceStep(NamedTuple):
+    """A posture at rest, and what holds it.
+
+    Attributes:
+        what: in words.
+        posture: joints (12,) [rad].
+        time: of the way there from the step before [s].
+        lifted: legs in the air.
+        working: legs whose propellers work.
+        pressure: centre of pressure inside of the edge that one propeller is to hold [m].
+        clears: leg whose foot is to have left the ground there, -1 for none.
+    """
+
+    what: str
+    posture: Array
+    time: float
+    lifted: tuple[int, ...] = ()
+    working: tuple[int, ...] = ()
+    pressure: float = 0.0
+    clears: int = -1
+
+
+def legs_of(choice: float) -> tuple[int, ...]:
+    """Return the legs that `balance.legs` names: 0 to 3 one, 4 and 5 a diagonal."""
+    number = round(choice)
+    return (number,) if number < LEGS else ((0, 3), (1, 2))[number - LEGS]
+
+
+class BalanceSteps:
+    """Reckons the steps of one robot."""
+
+    def __init__(self, robot: Robot, postures: MorphPostures) -> None:
+        """Of a robot whose legs carry propellers."""
+        self._kinematics = Kinematics(robot)
+        self._shape = {_ARM: postures.flight, _FOLDED: postures.folded}
+
+    def plan(
+        self, start: Array, legs: tuple[int, ...], margin: float, beyond: float
+    ) -> list[BalanceStep]:
+        """Return the steps, the first of them the start.
+
+        Args:
+            start: joints (12,) [rad] of a robot that stands.
+            legs: that become arms, one or two across from each other.
+            margin: of the centre of pressure inside of the edge [m].
+            beyond: centre of mass outside of the edge, held by the propeller [m].
+
+        Raises:
+            ValueError: a foot is out of reach.
+        """
+        a, *others = legs
+        feet = self._kinematics.foot_positions(start)
+
+        def posture(inside: float, first: str, second: str = _DOWN) -> Array:
+            shapes = {leg: shape for leg, shape in zip(legs, (first, second), strict=False)}
+            return self._at(feet, a, inside, shapes)
+
+        one = ((a,), (a,))
+        steps = [
+            BalanceStep("standing", start.copy(), SHIFT_TIME),
+            BalanceStep("shifting", posture(BESIDE, _DOWN), SHIFT_TIME),
+            BalanceStep("lifting", posture(BESIDE, _FOLDED), FOLD_TIME, (a,), clears=a),
+            BalanceStep("splaying", posture(BESIDE, _ARM), SPLAY_TIME, (a,)),
+            BalanceStep("spinning up", posture(BESIDE, _ARM), SPIN_TIME, *one, margin),
+        ]
+        if not others:
+            steps.append(BalanceStep("leaning", posture(-beyond, _ARM), SHIFT_TIME, *one, margin))
+            return steps
+        b = others[0]
+        both = (a, b)
+        return [
+            *steps,
+            BalanceStep("leaning", posture(BETWEEN, _ARM), SHIFT_TIME, *one, 0.004),
+            BalanceStep("lifting", posture(BETWEEN, _ARM, _FOLDED), FOLD_TIME, both, (a,), 0.0, b),
+            BalanceStep("splaying", posture(BETWEEN, _ARM, _ARM), SPLAY_TIME, both, (a,)),
+            BalanceStep("spinning up", posture(BETWEEN, _ARM, _ARM), SPIN_TIME, both, both),
+            BalanceStep("between", posture(0.0, _ARM, _ARM), SHIFT_TIME, both, both),
+        ]
+
+    def _at(self, feet: Array, leg: int, inside: float, shapes: dict[int, str]) -> Array:
+        """Return the joints (12,) [rad] with the centre of mass so far inside of a leg's edge [m].
+
+        Args:
+            feet: (4, 3) [m], of the robot standing with its body in the middle.
+            leg: first one in the air, or to be.
+            inside: wanted [m].
+            shapes: of legs that do not keep their feet where they are.
+        """
+        k, moved = self._kinematics, feet.copy()
+        for _ in range(_PLACES):
+            joints = k.joint_positions(moved)
+            for own, shape in shapes.items():
+                if shape != _DOWN:
+                    joints[3 * own : 3 * own + 3] = self._shape[shape][3 * own : 3 * own + 3]
+            up = np.tile((0.0, 0.0, 1.0), (LEGS, 1))
+            edge = edge_of(moved, leg, k.center_of_mass(joints), moved, up)
+            moved -= (inside - edge.inside) * edge.inward
+        return joints

@@ -1,0 +1,1 @@
+"""Plans: the reduced-order model and its optimisation by collocation."""

@@ -1,0 +1,225 @@
+"""The controller as a whole: what is refused and counted, how modes follow each other."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from husky_control.controller import Controller
+from husky_control.modes.behaviour import Behaviour, Event
+from husky_control.modes.table import ACTIVE, TRANSITIONS, Mode, Transition, modes_of
+from husky_control.parameters import Parameters
+from husky_control.tick_data import CYCLIC_POSITION, CYCLIC_TORQUE, TICK, Measurements
+from husky_description.robot import load_robot
+
+ROBOT = load_robot()
+
+
+class Bench:
+    """A controller whose joints are where it wants them, with the torque that it asks for."""
+
+    def __init__(self, **arguments):
+        soon = Parameters({"stand.duration": 0.8, "stand.joint_speed": 5.0})
+        self.controller = Controller(ROBOT, soon, warm_up=False, **arguments)
+        self.m = Measurements(drives_operational=True)
+        self.m.joint_position[:] = ROBOT.sit_joint_position
+        self.run(TICK)
+
+    def run(self, seconds):
+        for _ in range(round(seconds / TICK)):
+            self.m.time += TICK
+            self.m.pose.stamp = self.m.time
+            command = self.controller.tick(self.m)
+            self.m.joint_torque[:] = command.effort
+            self.m.joint_position[:] = command.position
+        return self.controller
+
+    def arm(self):
+        self.m.fans_available, self.m.pose.variance = True, 0.01
+        self.run(TICK)
+
+    def ask(self, *modes):
+        for mode in modes:
+            accepted, message = self.controller.request_mode(mode)
+            assert accepted, message
+        return self
+
+
+@pytest.fixture
+def standing():
+    robot = Bench().ask("stand_up")
+    assert robot.run(2.0).mode is Mode.STAND, robot.controller.reason
+    return robot
+
+
+# ------------------------------------------------------------------- adding a mode
+
+
+class Bow(Behaviour):
+    """Kneels on the front legs and comes up again."""
+
+    def enter(self, event):
+        self._start, self._elapsed = self.context.command.position.copy(), 0.0
+
+    def tick(self, command):
+        self._elapsed += TICK
+        down = math.sin(math.pi * min(1.0, self._elapsed / 0.5)) ** 2
+        command.position[:] = self._start
+        command.position[[2, 5]] -= 0.2 * down
+        command.velocity.fill(0.0)
+        command.mode_of_operation = CYCLIC_POSITION
+        return (Event.DONE, "bowed") if self.settled else None
+
+    def answer(self, request):
+        return (False, "sit refused: it bows") if request == "sit" else None
+
+    @property
+    def settled(self):
+        return self._elapsed >= 0.5
+
+
+@dataclass(frozen=True)
+class Row:
+    value: str
+    behaviour: type
+    meaning: str
+
+
+def test_a_mode_is_its_class_and_its_rows_in_the_table():
+    """One more row in the list of modes, and its transitions; nothing else knows of it."""
+    bow = Row("bow", Bow, "kneels on the front legs and comes up again")
+    rows = (
+        *TRANSITIONS,
+        Transition(frozenset({Mode.STAND}), Event.REQUEST, bow, ("bow",), ("at_rest",)),
+        Transition(frozenset({bow}), Event.DONE, Mode.STAND, label="bowed"),
+        Transition(frozenset({bow}), Event.FAULT, Mode.DAMPING, label="a safety check trips"),
+    )
+    robot = Bench(modes=(*modes_of(ROBOT), bow), transitions=rows)
+    controller = robot.controller
+    assert controller.request_mode("bow")[1].startswith("bow cannot follow passive; it allows ")
+    robot.ask("stand_up").run(2.0)
+    start = controller.command.position.copy()
+    robot.m.angular_velocity_base_in_base[2] = 1.0
+    robot.run(TICK)
+    assert controller.request_mode("bow") == (False, "bow refused: the body is still moving")
+    robot.m.angular_velocity_base_in_base[2] = 0.0
+    robot.run(TICK)
+    robot.ask("bow").run(0.25)
+    assert controller.mode is bow and not controller.present.settled
+    np.testing.assert_allclose((start - controller.command.position)[[2, 5]], 0.2, atol=1e-3)
+    assert controller.request_mode("sit") == (False, "sit refused: it bows")
+    assert controller.set_velocity_command(0.1, 0.0, 0.0) == (False, "it is in mode bow")
+    robot.run(0.3)
+    assert (controller.mode, controller.reason) == (Mode.STAND, "bowed")
+    robot.ask("bow")
+    robot.m.drives_operational = False
+    assert robot.run(TICK).mode is Mode.DAMPING
+    assert (controller.counters.faults, controller.counters.refused_requests) == (1, 3)
+
+
+@pytest.mark.parametrize("mode", [mode for mode in modes_of(ROBOT) if mode in ACTIVE])
+def test_no_active_mode_is_without_a_way_out_by_a_fault(mode):
+    """Whatever its class: the drives stop following, and the robot sinks."""
+    assert any(mode in row.sources and row.event is Event.FAULT for row in TRANSITIONS)
+    robot = Bench()
+    robot.controller._machine.mode = mode
+    robot.controller.present = robot.controller._modes[mode]
+    assert robot.controller.lose_drives("the drives are gone")
+    assert robot.controller.mode is Mode.DAMPING
+    assert robot.controller.reason == "the drives are gone"
+    assert robot.controller.counters.faults == 1
+    assert not robot.controller.lose_drives("again") and robot.controller.counters.faults == 1
+
+
+# ------------------------------------------------------------------- one mode after the other
+
+
+def test_who_fell_while_the_gait_changed_does_not_walk_off_when_it_stands_again(standing):
+    controller = standing.ask("walk").run(0.5)
+    assert controller.request_gait("bound") == (True, "changing to bound through stand")
+    standing.m.drives_operational = False
+    assert standing.run(TICK).mode is Mode.DAMPING
+    standing.m.drives_operational = True
+    standing.ask("passive").run(TICK)
+    standing.ask("stand_up").run(2.5)
+    assert (controller.mode, controller.context.gait) == (Mode.STAND, "trot")
+
+
+def test_another_gait_is_walked_after_a_stand(standing):
+    controller = standing.ask("walk").run(0.3)
+    controller.request_gait("bound")
+    modes = {standing.run(TICK).mode for _ in range(300)}
+    assert modes == {Mode.WALK} and controller.context.gait == "bound"
+    assert controller.reason == "walk requested"
+
+
+def test_thrust_fades_whatever_mode_follows_a_flight_that_was_broken_off(standing):
+    standing.arm()
+    controller = standing.ask("fly").run(1.0)
+    force = controller.hover.force
+    assert controller.mode is Mode.FLY and force > 30.0
+    standing.ask("damping").run(TICK)
+    standing.ask("passive").run(TICK)
+    standing.ask("stand_up").run(TICK)
+    assert controller.mode is Mode.STAND_UP and controller.hover.force > 0.9 * force
+    standing.run(2.0)
+    assert not controller.hover.active and controller.hover.force == 0.0
+
+
+def test_an_emergency_stop_ends_thrust_at_once_in_flight_and_while_it_fades(standing):
+    standing.arm()
+    for way in (("emergency_stop",), ("damping", "emergency_stop")):
+        standing.ask("fly").run(0.5)
+        assert standing.controller.hover.force > 10.0
+        standing.ask(*way).run(TICK)
+        assert standing.controller.hover.force == 0.0
+        assert standing.controller.command.mode_of_operation == CYCLIC_TORQUE
+        standing.run(1.0)
+        standing.ask("passive").run(TICK)
+        standing.ask("stand_up").run(2.0)
+
+
+def test_sitting_down_may_follow_half_of_standing_up_without_a_jump():
+    robot = Bench().ask("stand_up")
+    before = robot.run(0.8).command.position.copy()
+    assert not robot.controller.present.settled
+    robot.ask("sit").run(TICK)
+    assert np.abs(robot.controller.command.position - before).max() < 0.01
+    assert robot.run(2.5).present.settled and robot.controller.mode is Mode.SIT
+    np.testing.assert_allclose(robot.controller.command.position, ROBOT.sit_joint_position)
+
+
+# ------------------------------------------------------------------- refusals and limits
+
+
+def test_a_velocity_command_out_of_range_is_refused_whole_and_the_last_one_stays(standing):
+    controller = standing.ask("walk").controller
+    assert controller.set_velocity_command(0.2, 0.0, 0.1) == (True, "")
+    for command, words in (
+        ((9.0, 0.0, 0.0), "vx must be within +-1.6 m/s, not 9.0"),
+        ((0.0, math.nan, 0.0), "vy must be within +-0.3 m/s, not nan"),
+        ((0.0, 0.0, -1.0), "yaw_rate must be within +-0.8 rad/s, not -1.0"),
+    ):
+        assert controller.set_velocity_command(*command) == (False, words)
+    assert controller.counters.refused_velocity_commands == 3
+    standing.run(0.3)
+    np.testing.assert_allclose(controller.walking.reference.ramped, (0.2, 0.0, 0.1))
+
+
+def test_commands_are_within_the_limits_of_the_joints_whatever_was_measured():
+    robot = Bench()
+    robot.m.joint_position[:] = 9.0
+    command = robot.controller.tick(robot.m)
+    np.testing.assert_array_equal(command.position, ROBOT.joint_upper)
+    assert command.mode_of_operation == CYCLIC_TORQUE and not command.effort.any()
+
+
+def test_nothing_is_begun_before_something_was_measured():
+    controller = Controller(ROBOT, warm_up=False)
+    assert "drives are not operational" in controller.request_mode("stand_up")[1]
+    bad = Measurements(drives_operational=True, imu_age=math.nan)
+    controller.tick(bad)
+    assert (controller.counters.bad_measurements, controller.counters.faults) == (1, 0)
+    assert controller.request_gait("gallop")[1].startswith("there is no gait 'gallop'; there are ")
+    assert controller.counters.refused_requests == 2

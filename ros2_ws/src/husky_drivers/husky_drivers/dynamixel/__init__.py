@@ -1,0 +1,1 @@
+"""Robot's side of a bus of DYNAMIXEL servos, protocol 2.0."""

@@ -1,0 +1,1 @@
+"""EtherCAT master of the drives: buses, process data, CiA 402."""

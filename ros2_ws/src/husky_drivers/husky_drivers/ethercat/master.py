@@ -1,0 +1,221 @@
+"""EtherCAT master of the axes: enables, commands, watches and stops them, one exchange a tick.
+
+`exchange` sends one frame and moves the phase machine (`phases`) by one tick. Nothing in it blocks
+or reads a clock. A frame that not all drives took part in is not believed (working counter).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from husky_description.arrays import Array
+from husky_drivers.ethercat.axes import AxisSettings, ProcessData
+from husky_drivers.ethercat.bus import AlState, Bus
+from husky_drivers.ethercat.cia402 import DriveState, OperationMode, error_name
+from husky_drivers.ethercat.commissioning import check_al_states, commission, read_mode, write_gains
+from husky_drivers.ethercat.phases import DrivePhases
+from husky_drivers.ethercat.report import describe, why_incomplete
+from husky_drivers.joint_master.commanded_master import AxisStatus, CommandedMaster
+from husky_drivers.joint_master.phase import Phase
+
+_CSP = OperationMode.CYCLIC_SYNCHRONOUS_POSITION
+_CSV = OperationMode.CYCLIC_SYNCHRONOUS_VELOCITY
+
+
+class Master(CommandedMaster):
+    """Master of one segment.
+
+    Attributes:
+        error_code: last emergency of each drive (n,), 0 after a reset.
+        mode_display: mode of operation of each drive as last read (n,).
+    """
+
+    devices, stopping = "drives", "brake"
+    settings: AxisSettings
+    _phases: DrivePhases
+
+    def __init__(self, bus: Bus, settings: AxisSettings):
+        """Take a bus that is not open yet."""
+        self._bus = bus
+        self._data = ProcessData(settings)
+        phases = DrivePhases(settings, self._describe, self._why_incomplete)
+        super().__init__(settings, phases, self._data)
+        n = len(settings.joint_names)
+        self._sent_mode = _CSV
+        self._modes_read = 0  # drives that have shown the mode since enabling began
+        self._short_in_a_row = 0
+        self._next_poll = 0
+        self.error_code = np.zeros(n, np.uint16)
+        self.mode_display = np.zeros(n, np.int8)
+
+    @property
+    def states(self) -> NDArray[np.uint8]:
+        """CiA 402 states, values of `DriveState` (n,)."""
+        return self._data.states
+
+    @property
+    def expected_working_counter(self) -> int:
+        """Working counter of a complete exchange."""
+        return self._bus.expected_working_counter
+
+    # -- set-up: may block
+
+    def configure(self) -> None:
+        """Open the bus and set the drives up, to SAFEOP; raises DriveError."""
+        commission(self._bus, self.settings)
+
+    def start(self) -> None:
+        """Bring all drives to OP; raises DriveError when one does not come."""
+        self._bus.request_state(AlState.OP)
+        for _ in range(self.settings.transition_timeout_ticks):
+            if self.exchange():
+                break
+        check_al_states(self._bus, self.settings, AlState.OP)
+        self.short_cycles = 0
+
+    def stop(self) -> None:
+        """Remove torque and close the bus."""
+        self._phases.enter(Phase.OFF, "stopped")
+        self._write_outputs()
+        self._bus.exchange(self._data.outputs.data)
+        self._bus.close()
+
+    def set_gains(self, kp: float, kd: float) -> None:
+        """Write the gains of all drives, also while they run [N m/rad, N m s/rad].
+
+        Raises:
+            ValueError: when a gain is out of its range; nothing is written.
+            DriveError: when a drive refuses.
+        """
+        write_gains(self._bus, self.settings, kp, kd)
+
+    def poll_mailbox(self) -> None:
+        """Read the mode display of the next axis; call now and then, where blocking is fine."""
+        axis = self._next_poll
+        self._next_poll = (axis + 1) % len(self.mode_display)
+        self.mode_display[axis] = read_mode(self._bus, axis)
+
+    # -- requests: do not block
+
+    def enable(self) -> str:
+        """Start to enable all drives; returns "" or why not."""
+        refusal = super().enable()
+        if not refusal:
+            self.error_code[:] = 0
+        return refusal
+
+    def _begin_mode(self) -> None:
+        super()._begin_mode()
+        self._modes_read = 0
+
+    def _reset_devices(self) -> None:
+        """Bring lost drives back to OP; the phase resets their faults."""
+        for axis in range(len(self.states)):
+            if self._bus.al_status(axis) & 0x0F == AlState.SAFEOP:
+                self._bus.request_state(AlState.SAFEOP, axis)  # acknowledges the error
+                self._bus.request_state(AlState.OP, axis)
+
+    # -- the tick
+
+    def exchange(self) -> bool:
+        """Send one frame with the newest command and move on by one tick.
+
+        Returns:
+            Whether the frame was complete, so that `position` and the rest are of this tick.
+        """
+        self._age_command()
+        self._write_outputs()
+        inputs, self.working_counter = self._bus.exchange(self._data.outputs.data)
+        complete = self.working_counter == self._bus.expected_working_counter
+        if complete:
+            self._short_in_a_row = 0
+            self._data.read(inputs)
+            self._seen = True
+        else:
+            self.short_cycles += 1
+            self._short_in_a_row += 1
+            if self._short_in_a_row == self.settings.short_cycle_limit:
+                self.disable(self._why_incomplete())
+        for emergency in self._bus.emergencies():
+            self.error_code[emergency.position] = emergency.error_code
+        if self._phases.switching_on:
+            self._confirm_mode()
+        if self.phase is Phase.RESETTING:
+            self.error_code[(self.states != DriveState.FAULT) & complete] = 0
+        modes_confirmed = self._modes_read == len(self.states)
+        self._phases.advance(self.states, complete, modes_confirmed)
+        return complete
+
+    def _confirm_mode(self) -> None:
+        """Ask the next drive for its mode: not in the process data, one mailbox access a tick."""
+        axis = self._modes_read
+        if axis < len(self.states) and self.states[axis] == DriveState.SWITCHED_ON:
+            self.mode_display[axis] = read_mode(self._bus, axis)
+            self._modes_read += bool(self.mode_display[axis] == self._mode)
+
+    def _write_outputs(self) -> None:
+        if self.phase is Phase.ENABLED:
+            position, effort = self._command[0], self._command[2]
+            velocity: Array | float = self._command[1]
+            if self._sent_mode is not self._mode:
+                self._sent_mode = self._mode
+                self._data.mode[:] = self._mode
+            if self._mode is not _CSP:
+                self._target[:] = self.position
+            elif self._handover:
+                self._target += self._hand_over(position - self._target, self.settings.tick)
+                velocity = 0.0
+            else:
+                self._target[:] = position
+            self._data.write_targets(self._mode, self._target, velocity, effort)
+            return
+        enabling = self.phase is Phase.ENABLING
+        held = enabling & (self.states == DriveState.OPERATION_ENABLED)
+        np.copyto(self._target, self.position, where=~held)
+        self._sent_mode = self._mode if enabling else _CSV
+        self._data.mode[:] = self._sent_mode
+        self._data.controlword[:] = self._phases.controlwords(self.states)
+        self._data.write_torque_limit(1 if self._phases.may_have_torque else 0)
+        self._data.write_targets(self._sent_mode, self._target, 0.0, 0.0)
+
+    # -- words
+
+    def status(self) -> tuple[AxisStatus, ...]:
+        """Every drive as of the last complete exchange."""
+        rows = self._data.inputs.fields
+        opened = self._data.safe_torque_off
+        follows = self.phase is Phase.ENABLED and self._sent_mode is _CSP
+        return tuple(
+            AxisStatus(
+                joint=name,
+                statusword=int(rows["statusword"][i]),
+                state=DriveState(int(self.states[i])),
+                error_code=int(self.error_code[i]),
+                error=error_name(int(self.error_code[i])) if self.error_code[i] else "",
+                mode_of_operation=int(self.mode_display[i]),
+                safe_torque_off=self._seen and bool(opened[i]),
+                bus_voltage=float(rows["bus_voltage"][i]) * 1e-3,
+                current=float(rows["current"][i]) * self.settings.current_per_permille,
+                following_error=float(self._target[i] - self.position[i]) if follows else 0.0,
+            )
+            for i, name in enumerate(self.settings.joint_names)
+        )
+
+    def _why_not_fit(self) -> str:
+        faulty = self.states == DriveState.FAULT
+        opened = self._data.safe_torque_off
+        if not self._seen or self._short_in_a_row:
+            return self._why_incomplete()
+        if faulty.any():
+            return self._describe(faulty)
+        if opened.any():
+            names = (self.settings.joint_names[i] for i in np.flatnonzero(opened))
+            return f"safe torque off: {', '.join(names)}"
+        return ""
+
+    def _describe(self, which: NDArray[np.bool_]) -> str:
+        return describe(self.settings, which, self.states, self.error_code)
+
+    def _why_incomplete(self) -> str:
+        return why_incomplete(self._bus, self.settings, self.working_counter)

@@ -1,0 +1,1 @@
+"""What a master of joints is, whichever wire they are on."""

@@ -1,0 +1,63 @@
+"""Parameters that the bridges of drives and of servos both have."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from rclpy.node import Node
+
+from husky_description.robot import Robot, load_robot
+from husky_runtime.nodes.parameters import declare
+
+
+@dataclass(frozen=True)
+class BridgeOptions:
+    """Parameters of a bridge.
+
+    Attributes:
+        robot: whose joints they are.
+        pace: "lockstep", "realtime" or "hardware".
+        grace: wall time that a silent controller is waited for [s].
+        autostart: configure and activate at start.
+        command_timeout: time without a joint command until all joints stop [s].
+    """
+
+    robot: Robot
+    pace: str
+    grace: float
+    autostart: bool
+    command_timeout: float
+
+    @property
+    def lockstep(self) -> bool:
+        """Whether a tick waits for the command of the one before."""
+        return self.pace == "lockstep"
+
+
+def declare_bridge(node: Node, robots: tuple[str, ...], devices: str) -> BridgeOptions:
+    """Declare the parameters; return them.
+
+    Args:
+        node: the bridge.
+        robots: names of those that it can have; the first is the default.
+        devices: what stands at the joints, in words.
+
+    Raises:
+        ValueError: a value that is not allowed.
+    """
+    robot = load_robot(declare(node, "robot", robots[0], "which robot it is", allowed=robots))
+    clocks = ("lockstep", "realtime", "hardware")
+    waits = "lockstep: wait for the command of each tick; realtime, hardware: do not"
+    pace = declare(node, "time", "lockstep", waits, allowed=clocks)
+    grace = declare(
+        node, "grace", 1.0, "wall time a silent controller is waited for [s]", 0.2, 60.0
+    )
+    autostart = declare(node, "autostart", True, "configure and activate at start")
+    what = (
+        f"all {devices} stop when no joint command has come for so long; with the stopping it "
+        "stays below 0.1 s [s]"
+    )
+    timeout = declare(node, "command_timeout", 0.01, what, 0.004, 0.03)
+    what = f"deactivation is not refused while {devices} are enabled; the robot then drops"
+    declare(node, "deactivate_under_load", False, what, read_only=False)
+    return BridgeOptions(robot, pace, grace, autostart, timeout)

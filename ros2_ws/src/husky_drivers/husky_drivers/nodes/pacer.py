@@ -1,0 +1,153 @@
+"""Who says when a cycle of the bus begins, and hears that it has ended.
+
+Real drives have no beat of their own: a clock gives it. A bus whose far side keeps its own time
+brings a pacer with it, under the bus's name in the entry-point group `husky_drivers.pacer`. So the
+drive bridge does not know which bus it has. Simulated servos have no time but the world's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from importlib.metadata import entry_points
+from typing import Generic, Protocol, TypeVar
+
+from rclpy.lifecycle import LifecycleNode
+from rclpy.subscription import Subscription
+from rclpy.timer import Timer
+from rosgraph_msgs.msg import Clock
+
+from husky_drivers.ethercat.bus import Bus
+from husky_runtime import graph, qos
+from husky_runtime.nodes import stamps
+from husky_runtime.nodes.message_guard import refuser
+from husky_runtime.stamp_gate import StampGate, Turn
+
+MessageT = TypeVar("MessageT")
+
+GROUP = "husky_drivers.pacer"
+"""Entry-point group of pacers, each under the name of its bus."""
+
+
+class BridgeCycle(Protocol):
+    """What a pacer asks of a bridge."""
+
+    lockstep: bool
+    imu_stamp_ns: int
+    """Stamp of the IMU sample behind the newest joint command [ns]."""
+
+    def begin(self, time_ns: int, renewed: bool = False) -> bool:
+        """Begin the cycle of a tick; return whether it has ended, else it waits for its command.
+
+        Args:
+            time_ns: the tick's stamp [ns].
+            renewed: time has jumped: everybody must hear of it.
+        """
+
+    def tell_again(self) -> None:
+        """Tell the joints of the last cycle again: somebody has lost a message, or waits."""
+
+    def restart(self, reason: str) -> None:
+        """Time starts again: nothing of before counts, nothing may move."""
+
+
+class Pacer(Protocol):
+    """What begins the cycles."""
+
+    @property
+    def hot(self) -> Sequence[Subscription]:
+        """Subscriptions that a tick waits for."""
+
+    @property
+    def hot_timers(self) -> Sequence[Timer]:
+        """Timers that begin ticks."""
+
+    def cycle_ended(self, time_ns: int) -> None:
+        """The cycle of a tick [ns] has ended, or the bridge is being closed."""
+
+
+class ClockPacer:
+    """The beat of real devices: the node's clock, every tick period."""
+
+    def __init__(self, node: LifecycleNode, cycle: BridgeCycle, bus: Bus | None = None):
+        """Start the timer."""
+
+        def begin() -> None:
+            cycle.begin(node.get_clock().now().nanoseconds)
+
+        self.hot: list[Subscription] = []
+        self.hot_timers = [node.create_timer(graph.TICK_PERIOD, begin)]
+
+    def cycle_ended(self, time_ns: int) -> None:
+        """Nobody has to hear of it."""
+
+
+class StreamPacer(Generic[MessageT]):
+    """Begins a cycle with each message of a stream whose stamps are the far side's time."""
+
+    def __init__(
+        self,
+        node: LifecycleNode,
+        cycle: BridgeCycle,
+        topic: str,
+        stamp_of: Callable[[MessageT], int],
+    ):
+        """Hear nothing yet: whoever subscribes hands what comes to `_on_message`.
+
+        Args:
+            node: the bridge's.
+            cycle: what is begun.
+            topic: of the stream.
+            stamp_of: tells a message's stamp [ns].
+        """
+        self._cycle, self._stamp_of = cycle, stamp_of
+        self._gate: StampGate[MessageT] = StampGate(
+            graph.TICK_PERIOD_NS,
+            refuser(node, topic),
+            graph.CLOCK_LAG_NS,
+            replay=not cycle.lockstep,
+        )
+        self.hot: list[Subscription] = []
+        self.hot_timers: list[Timer] = []
+
+    def _on_message(self, message: MessageT) -> None:
+        for turn, each in self._gate.admit(self._stamp_of(message), message):
+            if turn is Turn.REPEAT:
+                self._cycle.tell_again()
+                self._say_again()
+                continue
+            if turn is Turn.RESTART:
+                self._cycle.restart("the world has been reset")
+            self._take(each)
+            ended = self._cycle.begin(self._stamp_of(each), renewed=turn is not Turn.NEXT)
+            if turn is Turn.RESTART and ended:
+                self._cycle.tell_again()
+
+    def _take(self, message: MessageT) -> None:
+        """Use what a message brings, before its cycle begins."""
+
+    def _say_again(self) -> None:
+        """Say the last word to the far side again."""
+
+    def cycle_ended(self, time_ns: int) -> None:
+        """Nobody has to hear of it."""
+
+
+class WorldClockPacer(StreamPacer[Clock]):
+    """The beat of simulated servos: the world's time, told every tick."""
+
+    def __init__(self, node: LifecycleNode, cycle: BridgeCycle):
+        """Subscribe to the clock."""
+        super().__init__(node, cycle, graph.CLOCK, lambda clock: stamps.to_ns(clock.clock))
+        self.hot.append(node.create_subscription(Clock, graph.CLOCK, self._on_message, qos.CONTROL))
+
+
+PacerFactory = Callable[[LifecycleNode, BridgeCycle, Bus], Pacer]
+
+
+def find_pacer(bus: str) -> PacerFactory:
+    """Return what makes the pacer of the bus of that name."""
+    for point in entry_points(group=GROUP):
+        if point.name == bus:
+            factory: PacerFactory = point.load()
+            return factory
+    return ClockPacer

@@ -1,0 +1,1 @@
+"""T265 tracking camera: backends, frames, driver logic."""

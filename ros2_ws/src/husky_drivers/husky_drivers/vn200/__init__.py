@@ -1,0 +1,1 @@
+"""VN-200 inertial sensor: protocol, session, driver logic."""

@@ -1,0 +1,1 @@
+"""Experiments through the graph: sessions, metrics, figures, video."""

@@ -1,0 +1,1 @@
+"""Figures and videos of a run, each from its recording."""

@@ -1,0 +1,136 @@
+"""What a running graph tells an experiment: the newest reports, and whether any are late."""
+
+from __future__ import annotations
+
+import time
+
+from diagnostic_msgs.msg import DiagnosticArray
+from nav_msgs.msg import Odometry
+
+from husky_experiments.link import GraphLink
+from husky_msgs.msg import ControllerState, DriveStatusArray, FanState, PropulsionState
+from husky_runtime import graph
+from husky_runtime.nodes import stamps
+
+_REPORT_PERIOD = 5.0
+"""Wall time that a report may be late, after which its node counts as silent [s]. One that is lost
+is sent again within 3 s, the middleware's heartbeat."""
+_REPORTS = {
+    graph.GROUND_TRUTH: 10_000_000,
+    graph.FAN_STATE: 10_000_000,
+    graph.CONTROLLER_STATE: 20_000_000,
+}
+"""Periods of what nodes report of themselves [ns]."""
+_REPORTERS = {
+    graph.PLANT: graph.GROUND_TRUTH,
+    **dict.fromkeys(graph.JOINT_BRIDGES, graph.CONTROLLER_STATE),
+    graph.LOW_LEVEL_CONTROLLER: graph.CONTROLLER_STATE,
+}
+"""Without whom there is no report: the controller ticks by the joint states."""
+
+
+class HeardGraph(GraphLink):
+    """A graph whose nodes' reports are kept.
+
+    Attributes:
+        time: simulated time [s].
+        state: newest message of the controller, or None; also after `kill`.
+        truth: newest ground truth, or None.
+        drives: newest state of the drives, or None.
+        fans: newest truth about the fans, or None.
+        propulsion: newest state of the propulsion unit, or None.
+    """
+
+    def _listen(self) -> None:
+        names = {spec.name for spec in self.specs}
+        self._has_legs = not names.isdisjoint(graph.JOINT_BRIDGES)
+        self._has_fans = graph.PIXHAWK_BRIDGE in names
+        self._forget()
+        self.subscribe(ControllerState, graph.CONTROLLER_STATE, self._on_state)
+        self.subscribe(Odometry, graph.GROUND_TRUTH, self._on_truth)
+        self.subscribe(DriveStatusArray, graph.DRIVES_STATUS, self._on_drives)
+        self.subscribe(FanState, graph.FAN_STATE, self._on_fans)
+        self.subscribe(PropulsionState, graph.PROPULSION_STATE, self._on_propulsion)
+        self._radio_frames = 0
+        self._lost_peers: list[str] | None = None
+        self.subscribe(DiagnosticArray, graph.DIAGNOSTICS, self._on_diagnostics)
+
+    def _forget(self) -> None:
+        """Drop what has been reported: it is of a world that is no more."""
+        self._reported = dict.fromkeys(_REPORTS, 0)
+        if not self._has_legs:
+            del self._reported[graph.CONTROLLER_STATE]
+        if not self._has_fans:
+            del self._reported[graph.FAN_STATE]
+        self.time = 0.0
+        self.state: ControllerState | None = None
+        self.truth: Odometry | None = None
+        self.drives: DriveStatusArray | None = None
+        self.fans: FanState | None = None
+        self.propulsion: PropulsionState | None = None
+
+    def _hears_reports(self) -> bool:
+        """Return whether everybody who reports has been found."""
+        topics = [graph.GROUND_TRUTH]
+        if self._has_legs:
+            topics += [graph.CONTROLLER_STATE, graph.DRIVES_STATUS]
+        if self._has_fans:
+            topics += [graph.FAN_STATE, graph.PROPULSION_STATE]
+        return all(self.count_publishers(topic) >= 1 for topic in topics)
+
+    def _catch_up(self) -> None:
+        """Wait for the reports of the ticks gone by, of the nodes that do report."""
+        now = round(self.time * 1e9)
+        deadline = time.monotonic() + _REPORT_PERIOD
+        while late := [
+            topic for topic, stamp in self._reported.items() if stamp <= now - _REPORTS[topic]
+        ]:
+            if time.monotonic() > deadline:
+                for topic in late:
+                    del self._reported[topic]
+                return
+            self._executor.spin_once(timeout_sec=0.01)
+
+    def kill(self, node: str) -> None:
+        """Kill a node (SIGKILL), and forget what it has said; the others must do without it."""
+        super().kill(node)
+        if node in _REPORTERS:
+            self._reported.pop(_REPORTERS[node], None)
+        if node == graph.PLANT:
+            self._reported.pop(graph.FAN_STATE, None)
+        if node == graph.LOW_LEVEL_CONTROLLER:
+            self.state = None
+        elif node in graph.JOINT_BRIDGES:
+            self.drives = None
+
+    @property
+    def connected(self) -> bool:
+        """Whether the bridge has told that it hears the autopilot."""
+        return self.propulsion is not None and bool(self.propulsion.connected)
+
+    # Callbacks ------------------------------------------------------------------------------
+    def _on_state(self, state: ControllerState) -> None:
+        self.state = state
+        self._reported[graph.CONTROLLER_STATE] = stamps.to_ns(state.stamp)
+
+    def _on_truth(self, truth: Odometry) -> None:
+        self.truth = truth
+        self._reported[graph.GROUND_TRUTH] = stamps.to_ns(truth.header.stamp)
+
+    def _on_fans(self, fans: FanState) -> None:
+        self.fans = fans
+        self._reported[graph.FAN_STATE] = stamps.to_ns(fans.stamp)
+
+    def _on_propulsion(self, propulsion: PropulsionState) -> None:
+        self.propulsion = propulsion
+
+    def _on_diagnostics(self, report: DiagnosticArray) -> None:
+        for status in report.status:
+            for entry in status.values:
+                if entry.key == "sbus_frames":
+                    self._radio_frames = int(entry.value)
+                elif entry.key == "lost_peers":
+                    self._lost_peers = entry.value.split()
+
+    def _on_drives(self, drives: DriveStatusArray) -> None:
+        self.drives = drives

@@ -1,0 +1,1 @@
+"""Recordings of runs, read back as arrays."""

@@ -1,0 +1,35 @@
+"""What an experiment's command line refuses, before anything is started or removed."""
+
+import pytest
+
+from husky_experiments.__main__ import main
+
+
+def test_an_output_directory_with_something_else_in_it_is_left_alone(tmp_path, capsys):
+    (tmp_path / "thesis.tex").write_text("years of work")
+    assert main(["stand", "--output", str(tmp_path)]) == 2
+    assert "holds something else than an earlier run" in capsys.readouterr().err
+    assert (tmp_path / "thesis.tex").read_text() == "years of work"
+
+
+def test_an_unknown_node_is_refused_with_those_there_are(tmp_path, capsys):
+    output = tmp_path / "run"
+    assert main(["stand", "--output", str(output), "--set", "plnat.seed=3"]) == 1
+    said = capsys.readouterr().out
+    assert "'plnat'" in said and "low_level_controller" in said
+    assert (output / "result.json").exists()
+    # What an earlier run has left, whole or not, makes room for the next.
+    (output / "result.json").unlink()
+    assert main(["stand", "--output", str(output), "--set", "plnat.seed=3"]) == 1
+
+
+@pytest.mark.parametrize("text", ["seed=3", "plant.seed", "plant.=3"])
+def test_a_setting_that_is_none_is_refused(text, capsys):
+    with pytest.raises(SystemExit):
+        main(["stand", "--set", text])
+    assert "NODE.PARAMETER=VALUE" in capsys.readouterr().err
+
+
+def test_an_unknown_experiment_is_refused_with_those_there_are(capsys):
+    assert main(["fly_to_the_moon"]) == 2
+    assert "trot" in capsys.readouterr().err

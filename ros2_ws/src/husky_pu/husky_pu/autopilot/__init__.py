@@ -1,0 +1,1 @@
+"""Simulated Pixhawk: estimator, control, mixer, fail-safes and its MAVLink server."""

@@ -1,0 +1,1 @@
+"""Companion computer's side of MAVLink: what pixhawk_bridge does."""

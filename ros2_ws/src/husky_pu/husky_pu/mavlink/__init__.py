@@ -1,0 +1,1 @@
+"""MAVLink on both sides of the wire: dialect, frames, axes."""

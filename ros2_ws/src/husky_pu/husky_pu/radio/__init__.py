@@ -1,0 +1,1 @@
+"""Remote control: SBUS frames, their line and the mapping of sticks."""

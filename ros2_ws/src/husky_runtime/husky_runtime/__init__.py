@@ -1,0 +1,1 @@
+"""What nodes stand on: graph, executor, lockstep, clocks, ports."""

@@ -1,0 +1,97 @@
+"""Parameters declared once, with description, range and read-only flag."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.node import Node
+
+from husky_description.robot import ROBOTS, Robot, load_robot
+from husky_description.sections import MOUNTINGS
+
+
+def declare(
+    node: Node,
+    name: str,
+    default: Any,
+    description: str,
+    lower: float | None = None,
+    upper: float | None = None,
+    *,
+    read_only: bool = True,
+    allowed: tuple[str, ...] = (),
+) -> Any:
+    """Declare a parameter and return its value.
+
+    Args:
+        node: the node that gets the parameter.
+        name: parameter name.
+        default: value when the user gives none; its type is the parameter's type.
+        description: what it is, with its unit.
+        lower: least allowed number, or None for no range.
+        upper: greatest allowed number; needed together with `lower`.
+        read_only: False for one that may change while the node runs.
+        allowed: the words that a string parameter may be, empty for any.
+
+    Raises:
+        InvalidParameterValueException: value outside the range, raised by rclpy with the range.
+        ValueError: a word that is not allowed.
+    """
+    descriptor = ParameterDescriptor(description=description, read_only=read_only)
+    if allowed:
+        descriptor.additional_constraints = f"one of {', '.join(allowed)}"
+    if lower is not None and upper is not None:
+        if isinstance(default, int) and not isinstance(default, bool):
+            descriptor.integer_range = [
+                IntegerRange(from_value=int(lower), to_value=int(upper), step=0)
+            ]
+        else:
+            descriptor.floating_point_range = [
+                FloatingPointRange(from_value=float(lower), to_value=float(upper), step=0.0)
+            ]
+    value = node.declare_parameter(name, default, descriptor).value
+    if allowed and value not in allowed:
+        raise ValueError(f"parameter {name} is {value!r}, it must be one of {', '.join(allowed)}")
+    return value
+
+
+def declare_robot(node: Node, **changes: float | str) -> Robot:
+    """Declare which robot it is, the parameter `robot`; return its numbers.
+
+    Args:
+        node: the node that gets the parameter.
+        changes: what this robot has otherwise than its file says, for `load_robot`.
+
+    Raises:
+        ValueError: no such robot, or it has not what is changed.
+    """
+    name = declare(node, "robot", ROBOTS[0], "which robot it is", allowed=ROBOTS)
+    return load_robot(name, **changes)
+
+
+def declare_mounting(node: Node) -> dict[str, str]:
+    """Declare how the fans are mounted; return it as an override for `declare_robot`.
+
+    Raises:
+        ValueError: no such mounting.
+    """
+    default = load_robot().fans.mounting
+    mounting = declare(
+        node,
+        "mounting",
+        default,
+        "of the fans: along base z, or on a gimbal at the centre of mass as the thesis assumes",
+        allowed=MOUNTINGS,
+    )
+    return {"fans__mounting": mounting} if mounting != default else {}
+
+
+def declare_sensing(node: Node, sensors: str) -> str:
+    """Declare whether emulated sensors err, the parameter `sensing`; return "noisy" or "ideal".
+
+    Raises:
+        ValueError: another word.
+    """
+    what = f"{sensors} with the errors that such sensors have, or without any"
+    return str(declare(node, "sensing", "noisy", what, allowed=("noisy", "ideal")))

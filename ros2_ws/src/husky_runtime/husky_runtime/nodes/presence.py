@@ -1,0 +1,54 @@
+"""Whose node it is: its name, held before it is made so that nobody joins a graph by mistake, and
+the wires of its robot.
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.utilities import get_default_context
+
+from husky_runtime import domain_locks as occupancy
+from husky_runtime import graph
+
+_NAMESPACE = re.compile(r"((?P<node>\w+):)?__ns:=(?P<namespace>.+)")
+
+
+def hold_name(make_node: Callable[[], Any], arguments: Sequence[str]) -> None:
+    """Hold the name of the module that makes a node, which is the node's, in the domain in use and
+    in the namespace that the arguments give to it.
+
+    A node that is given another name by `__node` has the same topics, and so the same lock.
+
+    Raises:
+        OccupiedError: such a node runs already.
+        OSError: there can be no lock.
+    """
+    name = Path(inspect.getfile(make_node)).stem
+    domain = get_default_context().get_domain_id()
+    occupancy.hold(name, domain, namespace_of(arguments, name))
+
+
+def namespace_of(arguments: Sequence[str], name: str) -> str:
+    """Return the namespace that a command line gives to a node.
+
+    Args:
+        arguments: `-r __ns:=NAMESPACE`, `-r NODE:__ns:=NAMESPACE`; of several the first counts.
+            rcl has checked them, and takes them without `--ros-args -r` too.
+        name: of the node.
+    """
+    for word in arguments:
+        rule = _NAMESPACE.fullmatch(word)
+        if rule is not None and rule["node"] in (None, name):
+            return rule["namespace"]
+    return "/"
+
+
+def default_serial_port(node: Node, device: str) -> str:
+    """Return where a simulated serial device of a node's robot appears, e.g. "vn200"."""
+    return graph.serial_port(device, node.context.get_domain_id(), node.get_namespace())

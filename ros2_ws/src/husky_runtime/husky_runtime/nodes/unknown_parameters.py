@@ -1,0 +1,66 @@
+"""Parameters that are given to a node and that it does not have: rclpy passes over them."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import yaml
+from rclpy.node import Node
+
+
+def refuse_unknown(node: Node, arguments: Sequence[str]) -> None:
+    """Check that a node, which has declared its own, has every parameter that is given to it.
+
+    What a file says about nodes of any name (`/**`) may be for another node and is let by.
+
+    Args:
+        node: has declared its parameters.
+        arguments: its process's, without the program.
+
+    Raises:
+        ValueError: says which one is not there, and which are like it.
+    """
+    for name in given(node.get_name(), node.get_namespace(), arguments):
+        if not node.has_parameter(name):
+            known = [each.split("/")[-1] for each in node.get_parameters_by_prefix("")]
+            like = difflib.get_close_matches(name, known, n=3) or sorted(known)
+            raise ValueError(f"there is no parameter {name}; there is {', '.join(like)}")
+
+
+def given(name: str, namespace: str, arguments: Sequence[str]) -> Iterator[str]:
+    """Yield the names of the parameters that a command line gives to a node.
+
+    Args:
+        name: of the node.
+        namespace: of the node.
+        arguments: `-p NAME:=VALUE`, `-p NODE:NAME:=VALUE`, `--params-file FILE` behind
+            `--ros-args`.
+    """
+    ros = False
+    for option, value in pairwise(arguments):
+        ros = option == "--ros-args" or (ros and option != "--")
+        if ros and option in ("-p", "--param"):
+            node, _, parameter = value.partition(":=")[0].rpartition(":")
+            if node in ("", name):
+                yield parameter
+        elif ros and option == "--params-file":
+            yield from _in_file(Path(value), {name, f"{namespace.rstrip('/')}/{name}"})
+
+
+def _in_file(path: Path, names: set[str]) -> Iterator[str]:
+    """Yield the parameters that a file, which rcl has read already, has for a node by its name."""
+    for node, section in (yaml.safe_load(path.read_text()) or {}).items():
+        if node in names:
+            yield from _flat(section.get("ros__parameters", {}))
+
+
+def _flat(section: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
+    for key, value in section.items():
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}"

@@ -1,0 +1,66 @@
+"""numba's cache of compiled functions, sealed: code that is damaged is compiled anew, never run.
+
+numba itself reads what it finds: a flipped bit in its cache ends the process, each time that it
+starts, or runs as it is.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import logging
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from husky_runtime.stored_file import DamagedFileError, read_sealed, write_sealed
+
+_log = logging.getLogger(__name__)
+
+
+def seal_numba_cache() -> None:
+    """Make numba, if this process has imported it, write and check seals; call it before compiling.
+
+    The seal stands behind what numba's own readers take from a file. Where nothing can be written,
+    functions are compiled in each process.
+    """
+    caching = sys.modules.get("numba.core.caching")
+    if caching is None or hasattr(caching.IndexDataCacheFile, "husky_sealed"):
+        return
+    files, cache = caching.IndexDataCacheFile, caching.Cache
+    load, save = files.load, cache.save_overload
+
+    def checked_load(self: Any, key: Any) -> Any:
+        path = Path(self._index_path)
+        try:
+            read_sealed(path)
+            name = self._load_index().get(key)
+            if name is None:
+                return None
+            path = Path(self._data_path(name))
+            read_sealed(path)
+            return load(self, key)
+        except FileNotFoundError:
+            return None
+        except (OSError, DamagedFileError) as error:
+            _log.warning("%s; compiled anew", error)
+            with contextlib.suppress(OSError):
+                path.unlink()
+            return None
+
+    @contextlib.contextmanager
+    def sealed_write(self: Any, path: str) -> Iterator[io.BytesIO]:
+        content = io.BytesIO()
+        yield content
+        write_sealed(Path(path), content.getvalue())
+
+    def patient_save(self: Any, *arguments: Any) -> None:
+        try:
+            save(self, *arguments)
+        except OSError as error:
+            _log.warning("compiled functions are not kept: %s", error)
+
+    files.load, files._open_for_write = checked_load, sealed_write
+    cache.save_overload = patient_save
+    files.husky_sealed = True

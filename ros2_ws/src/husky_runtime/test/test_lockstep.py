@@ -1,0 +1,159 @@
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from husky_runtime.lockstep import Exchange, Heard, Peer, Presence
+
+TICK = 2_000_000
+
+
+def test_awaited_until_it_answers():
+    peer = Peer("bridge", grace=1.0)
+    assert not peer.ready(0)
+    peer.answer(0)
+    assert peer.ready(0)
+    assert not peer.ready(TICK)
+
+
+def test_lost_after_the_grace_period_and_back_with_its_next_word():
+    peer = Peer("bridge", grace=1.0)
+    peer.answer(0)
+    assert not peer.expire(10.0)
+    assert not peer.expire(10.9)
+    assert peer.expire(11.1)
+    assert peer.presence is Presence.LOST and peer.losses == 1
+    assert peer.ready(5 * TICK), "ticks go on without it"
+    assert not peer.expire(99.0), "a loss is told once"
+    peer.answer(0)
+    assert peer.presence is Presence.EXPECTED
+    assert not peer.ready(5 * TICK), "it is awaited again, as soon as it speaks"
+
+
+def test_one_that_is_lost_still_owes_its_answer():
+    """So a world that stands still goes on asking it, and finds it before the next tick."""
+    peer = Peer("bridge", grace=1.0)
+    assert peer.owes(0)
+    peer.answer(0)
+    assert not peer.owes(0) and peer.owes(TICK)
+    peer.expire(10.0)
+    peer.expire(11.1)
+    assert peer.presence is Presence.LOST and peer.owes(TICK)
+    assert not Peer("imu", start_grace=None).owes(0), "nobody has asked it"
+
+
+def test_a_sign_of_life_starts_the_grace_period_again():
+    peer = Peer("controller", grace=1.0)
+    peer.answer(TICK)
+    for now in (0.0, 0.9, 1.8, 2.7):
+        assert not peer.expire(now)
+        peer.answer(0)  # an earlier word, said again
+    assert peer.ready(TICK) and not peer.ready(2 * TICK)
+
+
+def test_first_word_may_take_longer():
+    peer = Peer("bridge", grace=1.0, start_grace=30.0)
+    assert not peer.expire(0.0)
+    assert not peer.expire(29.0)
+    peer.answer(0)
+    assert not peer.expire(40.0)
+    assert peer.expire(41.5)
+
+
+def test_one_that_is_not_awaited_before_it_is_heard():
+    peer = Peer("imu", grace=1.0, start_grace=None)
+    assert peer.ready(TICK) and peer.presence is Presence.ABSENT
+    assert not peer.expire(0.0) and not peer.expire(99.0)
+    peer.answer(0)
+    assert not peer.ready(TICK)
+
+
+def test_one_that_was_absent_can_be_asked():
+    peer = Peer("planner", grace=1.0, start_grace=None)
+    peer.expect()
+    assert not peer.ready(0)
+    assert not peer.expire(10.0) and not peer.expire(10.9)
+    assert peer.expire(11.1) and peer.ready(0)
+    peer.expect()
+    assert peer.presence is Presence.LOST, "who is lost comes back by an answer alone"
+
+
+def test_restart_forgets_answers_of_before():
+    peer = Peer("bridge")
+    peer.answer(500 * TICK)
+    peer.restart()
+    assert not peer.ready(0)
+    peer.restart(answered=TICK)
+    assert peer.ready(TICK) and not peer.ready(2 * TICK)
+
+
+@pytest.mark.parametrize("grace", [0.0, -1.0, float("nan")])
+def test_grace_must_be_above_zero(grace):
+    with pytest.raises(ValueError, match="grace of peer 'x'"):
+        Peer("x", grace=grace)
+    with pytest.raises(ValueError, match="grace of peer 'x'"):
+        Peer("x", start_grace=grace)
+
+
+@given(st.lists(st.tuples(st.floats(0.0, 2.0), st.one_of(st.none(), st.integers(0, 50)))))
+def test_never_lost_within_the_grace_period_of_a_word(history):
+    """Whatever it says and whenever it is asked for: silence of a period comes before each loss."""
+    peer = Peer("x", grace=1.0)
+    peer.answer(0)
+    now = heard = 0.0
+    answered = 0
+    for passed, word in history:
+        now += passed
+        if word is None:
+            assert not (peer.expire(now) and now - heard <= 1.0)
+        else:
+            peer.answer(word)
+            answered, heard = max(answered, word), now
+        assert peer.ready(answered)
+        assert peer.ready(answered + 1) == (peer.presence is Presence.LOST)
+
+
+def tell_again(exchange, stamp):
+    exchange.ask(stamp)
+    exchange.ask_again()
+
+
+def copies(exchange, stamps):
+    """Hear answers as they come; return those that nobody has asked for."""
+    return [stamp for stamp in stamps if exchange.hear(stamp, now=100) is Heard.COPY]
+
+
+@pytest.fixture
+def exchange():
+    return Exchange(Peer("controller"))
+
+
+def test_a_second_answer_is_a_stranger_unless_it_was_asked_for(exchange):
+    assert copies(exchange, [0, 2, 2, 4]) == [2]
+    tell_again(exchange, 6)
+    assert copies(exchange, [6, 6, 6]) == [6]
+
+
+def test_a_slow_peer_may_owe_for_two_questions_at_once(exchange):
+    """What is owed for tick 2 comes after tick 4 has been told again, and before its answer."""
+    assert copies(exchange, [0]) == []
+    tell_again(exchange, 2)
+    assert copies(exchange, [2]) == []
+    tell_again(exchange, 4)
+    assert copies(exchange, [2, 4, 4]) == []
+
+
+def test_what_is_not_said_again_is_not_owed_for_ever(exchange):
+    tell_again(exchange, 2)
+    assert copies(exchange, [2, 4]) == []  # the repeated question, or its second answer, was lost
+    assert copies(exchange, [4]) == [4]
+
+
+def test_the_last_word_may_be_older_than_the_question(exchange):
+    """A peer that waits for somebody itself shows that it lives."""
+    assert copies(exchange, [2]) == []
+    for _ in range(3):
+        tell_again(exchange, 4)
+    assert copies(exchange, [2, 2, 2, 4]) == []
+    tell_again(exchange, 6)
+    exchange.restart()
+    assert copies(exchange, [4, 4]) == [4]

@@ -1,0 +1,65 @@
+"""Damaged files in numba's cache: the function still says what it should, and is kept again."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+_MODULE = """
+from numba import njit
+@njit(cache=True)
+def f(x):
+    return x * 1.5 + 2.0
+"""
+_USER = """
+import importlib, pathlib, sys
+sys.path.insert(0, ".")
+import numpy as np, resource
+from husky_runtime.numba_cache import seal_numba_cache
+import module
+seal_numba_cache()
+seal_numba_cache()
+
+def use():
+    f = importlib.reload(module).f
+    assert f(2.0) == 5.0, f(2.0)
+    return sum(f.stats.cache_hits.values())
+
+assert use() == 0, "compiled"
+assert use() == 1, "found again"
+files = sorted(pathlib.Path("cache").rglob("*.nb?"))
+assert len(files) == 2
+rng = np.random.default_rng(7)
+for path in files:
+    whole = path.read_bytes()
+    cases = [b"", whole[: len(whole) // 2], whole[:-78]]  # the last one without its seal
+    for place in rng.integers(0, len(whole), 4):
+        cases.append(bytearray(whole))
+        cases[-1][place] ^= 1 << rng.integers(8)
+    for case, damaged in enumerate(cases):
+        path.write_bytes(damaged)
+        assert use() == 0, (path, case)
+        assert use() == 1, (path, case)
+resource.setrlimit(resource.RLIMIT_FSIZE, (1000, -1))
+for path in files:
+    path.unlink()
+assert use() == 0 and use() == 0
+print("done")
+"""
+
+
+def test_damaged_functions_are_compiled_anew_not_run(tmp_path: Path) -> None:
+    """In a process of its own: numba is changed in it."""
+    (tmp_path / "module.py").write_text(_MODULE)
+    run = subprocess.run(
+        [sys.executable, "-c", _USER],
+        cwd=tmp_path,
+        env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")},
+        capture_output=True,
+        text=True,
+    )
+    assert run.stdout == "done\n", run.stderr
+    assert run.stderr.count("compiled anew") == 14
+    assert "not kept: [Errno 27] File too large" in run.stderr

@@ -1,0 +1,1 @@
+"""Far sides of the wires: emulated devices."""

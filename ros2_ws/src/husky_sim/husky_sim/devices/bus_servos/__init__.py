@@ -1,0 +1,1 @@
+"""Far side of the servo bus: emulated DYNAMIXEL servos and their motors."""

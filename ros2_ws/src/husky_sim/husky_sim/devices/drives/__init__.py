@@ -1,0 +1,1 @@
+"""Emulated Gold Twitter drives and their motors on a simulated EtherCAT segment."""

@@ -1,0 +1,274 @@
+"""A simulated Elmo Gold Twitter as an EtherCAT slave: identity, states, object dictionary, faults.
+
+What happens at every tick and frame stands in `drive_cycle`; this is what is asked now and then:
+the mailbox (objects with abort codes), the AL state machine, fault injection.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from husky_drivers.ethercat import objects as od
+from husky_drivers.ethercat.bus import AL_ERROR, GOLD_TWITTER, AlState, SdoAbort
+from husky_drivers.ethercat.cia402 import DriveState, OperationMode
+from husky_drivers.ethercat.pdo import MAPPINGS, RX_ASSIGNMENT, TX_ASSIGNMENT
+from husky_sim.devices.drives import drive_cycle
+
+READ_ONLY, NO_OBJECT, NO_SUBINDEX = 0x06010002, 0x06020000, 0x06090011
+CANNOT_MAP, WRONG_LENGTH, OUT_OF_RANGE, WRONG_STATE = 0x06040041, 0x06070010, 0x06090030, 0x08000022
+INVALID_CHANGE, INVALID_OUTPUTS, INVALID_INPUTS = 0x0011, 0x001D, 0x001E
+
+START_TIME = 0.02
+"""Self-test after power on [s] (assumed)."""
+WATCHDOG = 0.1
+"""Process data watchdog after power on [s] (EtherCAT default: 1000 times 100 us)."""
+SUPPLY_RANGE = (11.0, 98.0)
+"""Bus voltage outside of which the drive trips [V] (assumed, for the 100 V type)."""
+FAULTS = ("fault:<code>", "sto", "silent", "disturbed_timing")
+"""What can be injected; a code is that of object 0x603F in hexadecimal, e.g. fault:8611."""
+
+
+@dataclass(frozen=True)
+class DriveParameter:
+    """A writable object and the field of the drive that it sets.
+
+    Attributes:
+        field: name in `drive_record.DRIVE`.
+        initial: value on the wire after power on (slave dump).
+        scale: field per wire unit.
+        lower, upper: allowed values on the wire.
+        allowed: or the allowed values one by one.
+    """
+
+    field: str
+    initial: float
+    scale: float = 1.0
+    lower: float = 0.0
+    upper: float = 4294967295.0
+    allowed: tuple[int, ...] | None = None
+
+    def accepts(self, value: float) -> bool:
+        """Whether the drive takes a value."""
+        if self.allowed is not None:
+            return value in self.allowed
+        return math.isfinite(value) and self.lower <= value <= self.upper
+
+
+_RAMPS = (0, 1, 2, 5, 6)
+PARAMETERS: dict[od.ObjectEntry, DriveParameter] = {
+    od.VELOCITY_GAIN: DriveParameter("velocity_gain", 0.0, upper=1e3),
+    od.POSITION_GAIN: DriveParameter("position_gain", 0.0, upper=1e5),
+    od.ABORT_CONNECTION_OPTION: DriveParameter("abort_option", 0, allowed=(0, 1, 2, 3)),
+    od.QUICK_STOP_OPTION: DriveParameter("quick_stop_option", 2, allowed=_RAMPS),
+    od.SHUTDOWN_OPTION: DriveParameter("shutdown_option", 0, allowed=(0, 1)),
+    od.DISABLE_OPTION: DriveParameter("disable_option", 0, allowed=(0, 1)),
+    od.HALT_OPTION: DriveParameter("halt_option", 2, allowed=(1, 2)),
+    od.FAULT_OPTION: DriveParameter("fault_option", 0, allowed=(0, 1, 2)),
+    od.FOLLOWING_WINDOW: DriveParameter("following_window", 1e9),
+    od.FOLLOWING_TIME: DriveParameter("following_timeout", 20, scale=1e-3),
+    od.MAX_CURRENT: DriveParameter("peak_ratio", 10000, scale=1e-3),
+    od.RATED_CURRENT: DriveParameter("rated_current", 1000, scale=1e-3, lower=1.0),
+    od.DECELERATION: DriveParameter("deceleration", 2147483647, lower=1.0),
+    od.QUICK_STOP_DECELERATION: DriveParameter("quick_stop_deceleration", 2147483647, lower=1.0),
+}
+
+READINGS: dict[od.ObjectEntry, Callable[[Any], float]] = {
+    od.VENDOR: lambda d: GOLD_TWITTER.vendor,
+    od.PRODUCT: lambda d: GOLD_TWITTER.product,
+    od.REVISION: lambda d: GOLD_TWITTER.revision,
+    od.STO_STATUS: lambda d: 1 if d["sto"] else 0,
+    od.ERROR_CODE: lambda d: d["error_code"],
+    od.CONTROLWORD: lambda d: d["controlword"],
+    od.STATUSWORD: lambda d: drive_cycle.statusword(d),
+    od.MODE_DISPLAY: lambda d: d["mode"],
+    od.POSITION: lambda d: d["position"],
+    od.VELOCITY: lambda d: d["velocity"],
+    od.BUS_VOLTAGE: lambda d: max(round(d["bus_voltage"] * 1e3), 0),
+    od.FOLLOWING_ERROR: lambda d: d["target_position"] - d["position"],
+    od.SUPPORTED_MODES: lambda d: (
+        OperationMode.CYCLIC_SYNCHRONOUS_POSITION.supported_bit
+        | OperationMode.CYCLIC_SYNCHRONOUS_VELOCITY.supported_bit
+        | OperationMode.CYCLIC_SYNCHRONOUS_TORQUE.supported_bit
+    ),
+}
+
+
+class SimulatedDrive:
+    """One drive, over its `record` of `drive_record.DRIVE`, which the kernels share."""
+
+    def __init__(self, position: int, record: Any, peak_duration: float, interpolation: float):
+        """Power on.
+
+        Args:
+            position: place on the wire, for messages.
+            record: (1,) slice of the segment's records.
+            peak_duration: how long the peak current may last from rest [s].
+            interpolation: the only interpolation period the emulator follows [s].
+        """
+        self._position = position
+        self._view = record
+        self.record = record[0]
+        self._interpolation = interpolation
+        self._assigned: dict[int, tuple[int, ...]] = {
+            od.RX_COUNT.index: (0x1600,),
+            od.TX_COUNT.index: (0x1A00,),
+        }
+        self._slots = {index: [*maps, *[0] * 7] for index, maps in self._assigned.items()}
+        self._plain: dict[od.ObjectEntry, od.Number] = {
+            od.INTEGRAL_GAIN: 0.0,
+            od.RATED_TORQUE: 1000,
+            od.INTERPOLATION_VALUE: round(interpolation * 1e3),
+            od.INTERPOLATION_EXPONENT: -3,
+        }
+        self._entries = {
+            (entry.index, entry.subindex): entry for entry in (*PARAMETERS, *READINGS, *self._plain)
+        }
+        d = self.record
+        d["al_status"] = AlState.PREOP
+        d["watchdog"] = WATCHDOG
+        d["state"] = DriveState.NOT_READY_TO_SWITCH_ON
+        d["starting"] = START_TIME
+        d["sto_state"] = DriveState.SWITCH_ON_DISABLED
+        d["peak_duration"] = peak_duration
+        d["undervoltage"], d["overvoltage"] = SUPPLY_RANGE
+        for parameter in PARAMETERS.values():
+            d[parameter.field] = parameter.initial * parameter.scale
+
+    # -- mailbox
+
+    def sdo_read(self, index: int, subindex: int) -> bytes:
+        """Value of an object; raises SdoAbort."""
+        if index in self._slots and subindex <= len(self._slots[index]):
+            if subindex == 0:
+                return struct.pack("<B", len(self._assigned[index]))
+            return struct.pack("<H", self._slots[index][subindex - 1])
+        entry = self._entry(index, subindex)
+        if entry in PARAMETERS:
+            parameter = PARAMETERS[entry]
+            value = float(self.record[parameter.field]) / parameter.scale
+            return entry.pack(value if "f" in entry.format else round(value))
+        if entry in READINGS:
+            return entry.pack(READINGS[entry](self.record))
+        return entry.pack(self._plain[entry])
+
+    def sdo_write(self, index: int, subindex: int, data: bytes) -> None:
+        """Set an object; raises SdoAbort."""
+        if index in self._slots:
+            self._assign(index, subindex, data)
+            return
+        entry = self._entry(index, subindex)
+        if not entry.writable:
+            raise self._abort(READ_ONLY, index, subindex)
+        try:
+            value = entry.unpack(data)
+        except struct.error:
+            raise self._abort(WRONG_LENGTH, index, subindex) from None
+        parameter = PARAMETERS.get(entry)
+        if parameter is not None:
+            if not parameter.accepts(value):
+                raise self._abort(OUT_OF_RANGE, index, subindex)
+            self.record[parameter.field] = value * parameter.scale
+            return
+        self._check_plain(entry, value)
+        self._plain[entry] = value
+
+    def _check_plain(self, entry: od.ObjectEntry, value: od.Number) -> None:
+        """Refuse what this emulator cannot do: an integral gain, another interpolation period."""
+        refused = entry is od.INTEGRAL_GAIN and value != 0.0
+        if entry in (od.INTERPOLATION_VALUE, od.INTERPOLATION_EXPONENT):
+            planned = {**self._plain, entry: value}
+            period = planned[od.INTERPOLATION_VALUE] * 10.0 ** planned[od.INTERPOLATION_EXPONENT]
+            refused = not math.isclose(period, self._interpolation, rel_tol=1e-9)
+        if refused:
+            raise self._abort(OUT_OF_RANGE, entry.index, entry.subindex)
+
+    def _entry(self, index: int, subindex: int) -> od.ObjectEntry:
+        entry = self._entries.get((index, subindex))
+        if entry is None:
+            known = any(key[0] == index for key in self._entries)
+            raise self._abort(NO_SUBINDEX if known else NO_OBJECT, index, subindex)
+        return entry
+
+    def _assign(self, index: int, subindex: int, data: bytes) -> None:
+        """Write the assignment of mapping objects: count 0, entries, count; in PREOP only."""
+        slots = self._slots[index]
+        if subindex > len(slots):
+            raise self._abort(NO_SUBINDEX, index, subindex)
+        if len(data) != (1 if subindex == 0 else 2):
+            raise self._abort(WRONG_LENGTH, index, subindex)
+        if self.record["al_status"] & 0x0F != AlState.PREOP:
+            raise self._abort(WRONG_STATE, index, subindex)
+        value = int.from_bytes(data, "little")
+        if subindex == 0:
+            if value > len(slots):
+                raise self._abort(OUT_OF_RANGE, index, subindex)
+            self._assigned[index] = tuple(slots[:value])
+        elif self._assigned[index]:
+            raise self._abort(WRONG_STATE, index, subindex)
+        elif value not in MAPPINGS:
+            raise self._abort(CANNOT_MAP, index, subindex)
+        else:
+            slots[subindex - 1] = value
+
+    def _abort(self, code: int, index: int, subindex: int) -> SdoAbort:
+        return SdoAbort(code, self._position, index, subindex)
+
+    # -- application layer
+
+    def request_state(self, wanted: AlState) -> None:
+        """Go to an AL state one step up, or down; otherwise an error with its code is left."""
+        d = self.record
+        now = AlState(int(d["al_status"]) & 0x0F)
+        d["al_status_code"] = 0
+        if wanted > now and wanted is not AlState(now * 2 if now > 1 else 2):
+            self._refuse_state(now, INVALID_CHANGE)
+        elif wanted is AlState.SAFEOP and self._assigned[od.RX_COUNT.index] != RX_ASSIGNMENT:
+            self._refuse_state(now, INVALID_OUTPUTS)
+        elif wanted is AlState.SAFEOP and self._assigned[od.TX_COUNT.index] != TX_ASSIGNMENT:
+            self._refuse_state(now, INVALID_INPUTS)
+        else:
+            d["al_status"] = wanted
+            d["watchdog_left"] = d["watchdog"]
+            d["controlword"] = 0
+            if now is AlState.OP and wanted is not AlState.OP:
+                drive_cycle.abort_connection(d)
+
+    def _refuse_state(self, now: AlState, code: int) -> None:
+        self.record["al_status"] = now | AL_ERROR
+        self.record["al_status_code"] = code
+
+    # -- faults
+
+    def inject(self, fault: str) -> None:
+        """Make something fail until `clear`.
+
+        Args:
+            fault: one of `FAULTS`. "disturbed_timing" happens once.
+
+        Raises:
+            ValueError: when there is no such fault; lists those there are.
+        """
+        kind, _, argument = fault.partition(":")
+        if kind == "fault":
+            try:
+                code = int(argument, 16)
+            except ValueError:
+                code = 0
+            if not 0 < code <= 0xFFFF:
+                raise ValueError(f"{fault!r}: the code must be hexadecimal, 1 to FFFF")
+            self.record["injected_fault"] = code
+        elif fault in ("sto", "silent"):
+            self.record[fault] = 1
+        elif fault == "disturbed_timing":
+            self.record["disturbed"] = 1
+        else:
+            raise ValueError(f"no fault {fault!r}; there are {', '.join(FAULTS)}")
+
+    def clear(self) -> None:
+        """End all injected faults; a drive in fault stays there until it is reset."""
+        for field in ("injected_fault", "sto", "silent", "disturbed"):
+            self.record[field] = 0

@@ -1,0 +1,1 @@
+"""Physics of the propulsion unit: fans, speed controllers, battery."""

@@ -1,0 +1,99 @@
+"""Husky-beta on its servos in one process: stands up, trots on hard and soft ground, sits."""
+
+import math
+
+import numpy as np
+import pytest
+from servo_robot import ServoRobot
+
+from husky_description.gravity import GRAVITY
+from husky_description.robot import load_robot
+from husky_sim.scene import WorldOptions
+
+ROBOT = load_robot("beta")
+
+
+def tilt(robot):
+    """Angle of base z from the vertical [rad]."""
+    _, x, y, _ = robot.data.qpos[3:7]
+    return 2.0 * math.asin(min(1.0, math.hypot(x, y)))
+
+
+def test_stands_where_it_shall_and_sits_down_again():
+    robot = ServoRobot()
+    robot.stand()
+    wanted = ROBOT.stand_height + ROBOT.foot_radius
+    assert robot.data.qpos[2] == pytest.approx(wanted, abs=0.01)
+    assert robot.controller.body.estimator.position[2] == pytest.approx(wanted, abs=0.01)
+    assert robot.controller.body.contacts.contact.all()
+    # From the currents alone; torques of standing legs are known within their friction, here none.
+    weight = ROBOT.mass * GRAVITY
+    assert robot.controller.body.contacts.foot_force[:, 2].sum() == pytest.approx(weight, rel=0.2)
+    # Standing takes a fifth of what the servos may give.
+    assert np.abs(robot.measurements.joint_torque).max() < 0.3 * ROBOT.bus_servo.torque_limit
+    assert robot.controller.request_mode("sit")[0]
+    robot.run(4.0)
+    assert robot.data.site("perch").xpos[2] < 0.002
+    assert robot.controller.counters.faults == 0
+
+
+@pytest.mark.parametrize(
+    ("mode", "contact", "aside"),
+    [
+        ("walk", "stiff", 0.1),
+        ("walk", "thesis_model", 0.1),
+        ("position_trot", "thesis_results", 0.2),  # it does not feel where it goes
+    ],
+)
+def test_trots_at_its_speed_and_level(mode, contact, aside):
+    robot = ServoRobot(options=WorldOptions(seed=1, contact=contact))
+    robot.stand()
+    accepted, message = robot.controller.request_mode(mode)
+    assert accepted, message
+    robot.run(1.5, (0.4, 0.0, 0.0))
+    start, tilts = robot.data.qpos[:2].copy(), []
+    for _ in range(30):
+        robot.run(0.1, (0.4, 0.0, 0.0))
+        tilts.append(tilt(robot))
+    assert robot.controller.mode.value == mode, robot.controller.reason
+    way = robot.data.qpos[:2] - start
+    assert way[0] / 3.0 == pytest.approx(0.4, rel=0.15)
+    assert abs(way[1]) < aside
+    assert math.degrees(max(tilts)) < 4.0
+    assert robot.peak_torque.max() <= ROBOT.bus_servo.torque_limit
+    robot.controller.request_mode("stand")
+    robot.run(2.0)
+    assert robot.controller.mode.value == "stand"
+    assert robot.controller.counters.faults == 0
+
+
+def test_feet_that_trot_blindly_come_to_stand_where_the_posture_has_them():
+    robot = ServoRobot(options=WorldOptions(seed=2, contact="thesis_results"))
+    robot.stand()
+    standing = robot.data.qpos[7:].copy()
+    for velocity, duration in (((0.1, 0.1, 0.2), 1.1), ((-0.2, 0.0, 0.0), 0.9)):
+        assert robot.controller.request_mode("position_trot")[0]
+        robot.run(duration, velocity)
+        assert robot.controller.request_mode("stand") == (True, "stopping")
+        robot.run(2.0)
+        assert robot.controller.mode.value == "stand", robot.controller.reason
+        assert np.abs(robot.data.qpos[7:] - standing).max() < 0.05
+        assert tilt(robot) < math.radians(1.0)
+
+
+def test_a_silent_command_ends_the_blind_trot():
+    robot = ServoRobot()
+    robot.stand()
+    robot.controller.request_mode("position_trot")
+    robot.run(0.5, (0.2, 0.0, 0.0))
+    robot.run(2.0)
+    assert robot.controller.mode.value == "stand"
+    assert robot.controller.counters.command_timeouts == 1
+
+
+def test_has_no_modes_of_the_fans():
+    robot = ServoRobot()
+    for mode in ("wair", "fly"):
+        accepted, message = robot.controller.request_mode(mode)
+        assert not accepted
+        assert message.startswith(f"there is no mode '{mode}'")

@@ -1,0 +1,66 @@
+"""Which worker runs which test file, where there are several (`pytest -n 2`, `scripts/test.sh`).
+
+A file is run by one worker, so that its tests share their graph. Beyond that
+
+- the tests across containers have a worker to themselves, from the start: Fast DDS looks for
+  network interfaces once a process, and these tests make one;
+- files with real time in their name come last, when all other workers have gone: what they judge
+  would be late for want of a processor.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from xdist.scheduler.loadfile import LoadFileScheduling
+
+DOCKER = "tests/docker"
+REALTIME = "realtime"
+
+
+class SideBySide(LoadFileScheduling):  # type: ignore[misc]
+    """Hands out the files in the order in which they were collected, as this module says."""
+
+    def __init__(self, config: Any, log: Any = None, docker: bool = False):
+        """Prepare.
+
+        Args:
+            config: pytest's.
+            log: xdist's.
+            docker: whether the tests across containers take part; else they only say why not.
+        """
+        super().__init__(config, log)
+        config.option.loadscopereorder = False  # xdist's own order is by the number of tests
+        self._docker = docker
+
+    def _split_scope(self, nodeid: str) -> str:
+        file = nodeid.split("::", 1)[0]
+        if self._docker and file.startswith(DOCKER):
+            return DOCKER
+        return REALTIME if REALTIME in file.rsplit("/", 1)[-1] else file
+
+    def _too_early(self) -> bool:
+        """Whether all that is left must wait until one worker is alone."""
+        return list(self.workqueue) == [REALTIME] and len(self.nodes) > 1
+
+    def _assign_work_unit(self, node: Any) -> None:
+        if not self._too_early():
+            super()._assign_work_unit(node)
+
+    def _reschedule(self, node: Any) -> None:
+        """Give a worker that has little left its next file, or let it go when it is done."""
+        if node.shutting_down:
+            return
+        if DOCKER in self.assigned_work[node]:
+            node.shutdown()
+        elif not self._too_early():
+            super()._reschedule(node)
+        elif sum(not one.shutting_down for one in self.nodes) > 1:
+            node.shutdown()  # the last one stays, and is called again when the others have gone
+
+    def remove_node(self, node: Any) -> Any:
+        """Forget a worker that has ended; return the test that has crashed it, or None."""
+        crashed = super().remove_node(node)
+        for one in self.nodes:
+            self._reschedule(one)
+        return crashed

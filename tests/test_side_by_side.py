@@ -1,0 +1,89 @@
+"""Several workers: each file in one, containers in one of their own, real time alone at the end."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+HERE = Path(__file__).parent
+FILES = (
+    "docker/test_a",
+    "docker/test_b",
+    "test_long",
+    "test_realtime_a",
+    "test_realtime_b",
+    "test_short",
+    "test_third",
+)
+TEST = """
+import os, pathlib, time
+import pytest
+
+@pytest.mark.parametrize("number", range(3))
+def test_it(number, request):
+    begin = time.monotonic()
+    time.sleep({duration})
+    with pathlib.Path("trace").open("a") as file:
+        worker = os.environ["PYTEST_XDIST_WORKER"]
+        print("{name}", worker, begin, time.monotonic(), file=file)
+"""
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[tuple]]:
+    """Worker, begin and end [s] of each test of each file."""
+    pytest.importorskip("xdist")
+    root = tmp_path_factory.mktemp("root")
+    tests = root / "tests"
+    (tests / "docker").mkdir(parents=True)
+    for name in ("conftest.py", "side_by_side.py"):
+        shutil.copy(HERE / name, tests)
+    (root / "pytest.ini").write_text("[pytest]\naddopts = --import-mode=importlib\n")
+    for name in FILES:
+        text = TEST.format(name=name, duration=0.3 if name == "test_long" else 0.05)
+        (tests / f"{name}.py").write_text(text)
+    options = ["-p", "xdist.plugin", "-n", "3", "--dist", "loadfile"]
+    environment = {n: v for n, v in os.environ.items() if not n.startswith("PYTEST_")}
+    run = subprocess.run(
+        [sys.executable, "-m", "pytest", *options, "tests"],
+        cwd=root,
+        timeout=240,
+        env={**environment, "HUSKY_DOCKER": "yes", "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert run.returncode == 0, run.stdout + run.stderr
+    found: dict[str, list[tuple]] = {name: [] for name in FILES}
+    for line in (root / "trace").read_text().splitlines():
+        name, worker, begin, end = line.split()
+        found[name].append((worker, float(begin), float(end)))
+    assert all(len(tests) == 3 for tests in found.values())
+    return found
+
+
+def workers(tests: list[tuple]) -> set[str]:
+    return {worker for worker, _, _ in tests}
+
+
+def test_a_file_is_run_by_one_worker(runs):
+    assert all(len(workers(tests)) == 1 for tests in runs.values())
+
+
+def test_containers_have_a_worker_of_their_own(runs):
+    (of_containers,) = workers(runs["docker/test_a"]) | workers(runs["docker/test_b"])
+    others = [tests for name, tests in runs.items() if not name.startswith("docker")]
+    assert of_containers not in set().union(*map(workers, others))
+
+
+def test_files_in_real_time_come_last_and_alone(runs):
+    alone = [tests for name, tests in runs.items() if "realtime" in name]
+    others = [tests for name, tests in runs.items() if "realtime" not in name]
+    assert len(set().union(*map(workers, alone))) == 1
+    begin = min(begin for tests in alone for _, begin, _ in tests)
+    assert begin > max(end for tests in others for _, _, end in tests)
