@@ -1,6 +1,5 @@
 """Shared by tests of processes, whose helpers it makes importable under import mode importlib."""
 
-import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -21,6 +20,15 @@ _LONG_ONES_FIRST = (
     "tests",
 )
 """So that no worker is left with a long file when the others have nothing any more."""
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """What every run has: a second try for tests of processes, a word on what is left out."""
+    from left_out import LeftOut
+    from second_try import SecondTry
+
+    config.pluginmanager.register(LeftOut(config))
+    config.pluginmanager.register(SecondTry())
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -47,7 +55,7 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     """Several workers: who runs what."""
     from side_by_side import SideBySide
 
-    return SideBySide(config, log, docker=os.environ.get("HUSKY_DOCKER", "") == "yes")
+    return SideBySide(config, log)
 
 
 @pytest.fixture(scope="module")

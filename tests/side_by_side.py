@@ -21,21 +21,14 @@ REALTIME = "realtime"
 class SideBySide(LoadFileScheduling):  # type: ignore[misc]
     """Hands out the files in the order in which they were collected, as this module says."""
 
-    def __init__(self, config: Any, log: Any = None, docker: bool = False):
-        """Prepare.
-
-        Args:
-            config: pytest's.
-            log: xdist's.
-            docker: whether the tests across containers take part; else they only say why not.
-        """
+    def __init__(self, config: Any, log: Any = None):
+        """Prepare, with pytest's configuration and xdist's log."""
         super().__init__(config, log)
         config.option.loadscopereorder = False  # xdist's own order is by the number of tests
-        self._docker = docker
 
     def _split_scope(self, nodeid: str) -> str:
         file = nodeid.split("::", 1)[0]
-        if self._docker and file.startswith(DOCKER):
+        if file.startswith(DOCKER):
             return DOCKER
         return REALTIME if REALTIME in file.rsplit("/", 1)[-1] else file
 

@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 
 pytest.importorskip("rclpy")
+pytestmark = pytest.mark.graph
 
 ROOT = Path(__file__).resolve().parents[1]
 PROFILES, ON_LOOPBACK = (ROOT / f"scripts/{name}.xml" for name in ("fastdds", "fastdds_loopback"))

@@ -19,6 +19,7 @@ from ros2_command import ROOT, STAND_IN, Ros2, commands, ros2_environment, words
 from ros2_said import CALLS, ERRORS, GOALS, LISTS, OUTPUTS
 
 pytest.importorskip("rclpy")
+pytestmark = pytest.mark.graph
 
 Results = dict[str, subprocess.CompletedProcess[str]]
 

@@ -14,7 +14,7 @@ import pytest
 from ros2_command import ROOT, STAND_IN, Ros2, ros2_environment
 
 pytest.importorskip("rclpy")
-pytestmark = pytest.mark.usefixtures("domain")
+pytestmark = [pytest.mark.graph, pytest.mark.usefixtures("domain")]
 
 stand_in = Ros2(str(STAND_IN))
 

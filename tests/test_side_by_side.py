@@ -41,7 +41,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[tuple]]:
     root = tmp_path_factory.mktemp("root")
     tests = root / "tests"
     (tests / "docker").mkdir(parents=True)
-    for name in ("conftest.py", "side_by_side.py"):
+    for name in ("conftest.py", "side_by_side.py", "second_try.py", "left_out.py"):
         shutil.copy(HERE / name, tests)
     (root / "pytest.ini").write_text("[pytest]\naddopts = --import-mode=importlib\n")
     for name in FILES:
@@ -53,7 +53,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[tuple]]:
         [sys.executable, "-m", "pytest", *options, "tests"],
         cwd=root,
         timeout=240,
-        env={**environment, "HUSKY_DOCKER": "yes", "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"},
+        env={**environment, "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"},
         capture_output=True,
         text=True,
         check=False,

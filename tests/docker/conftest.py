@@ -34,8 +34,6 @@ _BUILD_PERIOD = 1500.0
 @pytest.fixture(scope="session")
 def engine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Engine]:
     """An engine with the image of this tree, which are both left as they are found."""
-    if os.environ.get("HUSKY_DOCKER", "") != "yes":
-        pytest.skip("needs a Docker engine and some minutes: scripts/test.sh --docker")
     # Images outlast a run, so that the next one finds its layers.
     directory = Path(os.environ.get("HUSKY_DOCKER_DIRECTORY", "/var/tmp/husky-docker"))
     up = subprocess.run(

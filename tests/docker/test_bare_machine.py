@@ -14,6 +14,8 @@ from typing import Any
 import pytest
 from containers import ROOT, Engine, run
 
+pytestmark = pytest.mark.bare
+
 _IMAGE, _NAME = "husky:set-up", "husky-bare-machine"
 _DOWNLOADS = "husky-test-downloads"
 """Volume of what pip has downloaded; it outlasts a run, as images do."""

@@ -12,7 +12,7 @@ from husky_experiments.scenario import trot
 from husky_experiments.session import SessionError
 from husky_runtime import graph
 
-pytestmark = pytest.mark.graph
+pytestmark = [pytest.mark.graph, pytest.mark.docker]
 
 LOOK = """
 look() { # topic: what echo and hz say

@@ -8,6 +8,7 @@ from starvation import while_the_machine_keeps_up
 
 pytestmark = [
     pytest.mark.graph,
+    pytest.mark.realtime,
     pytest.mark.timeout(900),
     pytest.mark.skipif((os.cpu_count() or 1) < 4, reason="the unit in real time wants four cores"),
 ]

@@ -11,7 +11,7 @@ from husky_msgs.srv import SetMode
 from husky_runtime import graph
 from husky_runtime.nodes import stamps
 
-pytestmark = pytest.mark.graph
+pytestmark = [pytest.mark.graph, pytest.mark.realtime]
 
 
 @pytest.fixture(scope="module")

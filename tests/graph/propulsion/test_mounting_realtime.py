@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from starvation import in_real_time
 
-pytestmark = pytest.mark.graph
+pytestmark = [pytest.mark.graph, pytest.mark.realtime]
 
 
 def test_vectored_in_realtime(new_graph, commanding, held_unit):

@@ -7,10 +7,12 @@ k only when the newest IMU sample due by k has arrived. Nobody waits for a time,
 does not depend on how fast anything ran.
 
 A peer that stays silent for the grace period (wall time) is declared lost: ticks go on without it,
-so that watchdogs act. Every tick still asks it, and a world that stands still does now and then:
-it is expected again as soon as it answers. Determinism ends at a loss, and `losses` says so. At the
-start a peer gets a longer grace, because processes come up in any order; one whose first words
-cannot be repeated (the IMU's samples) is awaited only once it has been heard.
+so that watchdogs act. Nobody is lost because the machine is slow: time in which its process works,
+or waits for a processor, is no silence, for ten grace periods at most. Every tick still asks one
+that is lost, and a world that stands still does now and then: it is expected again as soon as it
+answers. Determinism ends at a loss, and `losses` says so. At the start a peer gets a longer grace,
+because processes come up in any order; one whose first words cannot be repeated (the IMU's samples)
+is awaited only once it has been heard.
 
 Messages are best effort. The plant says its last word again when it has waited for a moment, and
 the bridge hands that on. Whoever hears a word twice says its own last word again: the answer, if
@@ -20,7 +22,11 @@ chain only the one that is really silent is declared lost.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from enum import Enum
+
+_BUSY_FACTOR = 10.0
+"""One that is busy gets so many grace periods: it may hang."""
 
 
 class Presence(Enum):
@@ -44,13 +50,21 @@ class Peer:
         losses: how often it has been declared lost.
     """
 
-    def __init__(self, name: str, grace: float = 1.0, start_grace: float | None = 30.0):
+    def __init__(
+        self,
+        name: str,
+        grace: float = 1.0,
+        start_grace: float | None = 30.0,
+        busy: Callable[[], float] = lambda: 0.0,
+    ):
         """Start as expected, or as absent.
 
         Args:
             name: for reports.
             grace: wall time that it may take to answer [s].
             start_grace: the same for its first answer [s]; None for not waiting before that.
+            busy: tells for how long its process has worked or waited for a processor so far [s]; 0
+                for one that is gone, or that cannot be seen from here.
 
         Raises:
             ValueError: a grace period that is not above 0.
@@ -64,14 +78,16 @@ class Peer:
         self.answered = -1
         self.losses = 0
         self._patience = grace if start_grace is None else max(grace, start_grace)
+        self._busy = busy
         self._waiting_since: float | None = None
+        self._looked_at: tuple[float, float] | None = None  # when, and how busy it was then [s]
 
     def expect(self) -> None:
         """From now on answers of a peer that was absent are waited for, each for the grace."""
         if self.presence is Presence.ABSENT:
             self.presence = Presence.EXPECTED
             self._patience = self.grace
-            self._waiting_since = None
+            self._wait_no_more()
 
     def answer(self, stamp: int) -> None:
         """The peer has answered for the tick with this stamp [ns]; a lost one is back.
@@ -81,7 +97,7 @@ class Peer:
         self.answered = max(self.answered, stamp)
         self.presence = Presence.EXPECTED
         self._patience = self.grace
-        self._waiting_since = None
+        self._wait_no_more()
 
     def owes(self, stamp: int) -> bool:
         """Return whether it takes part, or took part, and has not answered for `stamp` [ns]."""
@@ -98,11 +114,26 @@ class Peer:
         """
         if self._waiting_since is None:
             self._waiting_since = now
-        if self.presence is Presence.EXPECTED and now - self._waiting_since > self._patience:
-            self.presence = Presence.LOST
-            self.losses += 1
-            return True
-        return False
+        if self.presence is not Presence.EXPECTED or not self._is_silent(now - self._waiting_since):
+            return False
+        self.presence = Presence.LOST
+        self.losses += 1
+        return True
+
+    def _is_silent(self, waited: float) -> bool:
+        """Return whether it has been waited for long enough [s], by what its process did."""
+        if waited <= 0.5 * self._patience:
+            return False  # most answers come long before: it is not looked at
+        if self._looked_at is None:
+            self._looked_at = waited, self._busy()
+        if waited <= self._patience:
+            return False
+        since, before = self._looked_at
+        idle = waited - since - max(0.0, self._busy() - before)
+        return since + idle > self._patience or waited > _BUSY_FACTOR * self._patience
+
+    def _wait_no_more(self) -> None:
+        self._waiting_since = self._looked_at = None
 
     def restart(self, answered: int = -1) -> None:
         """Time starts again at zero: old answers no longer count.
@@ -111,7 +142,7 @@ class Peer:
             answered: stamp of an answer that is already of the new time [ns], -1 for none.
         """
         self.answered = answered
-        self._waiting_since = None
+        self._wait_no_more()
 
 
 class Heard(Enum):

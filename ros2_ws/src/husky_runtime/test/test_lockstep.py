@@ -77,6 +77,27 @@ def test_one_that_was_absent_can_be_asked():
     assert peer.presence is Presence.LOST, "who is lost comes back by an answer alone"
 
 
+@pytest.mark.parametrize("share, lost_after", [(0.0, 1.0), (0.4, 1.33), (0.9, 5.5), (1.0, 10.0)])
+def test_time_in_which_it_is_busy_is_no_silence(share, lost_after):
+    """It is looked at from half of the grace period on; ten of them are the end."""
+    now = 0.0
+    peer = Peer("planner", grace=1.0, busy=lambda: 100.0 + share * now)
+    peer.answer(0)
+    while not peer.expire(now):
+        now += 0.01
+    assert now == pytest.approx(lost_after, abs=0.04)
+
+
+def test_one_that_is_gone_has_been_busy_for_nothing():
+    """Its lock is free, so nobody knows a process any more."""
+    busy = [100.0]
+    peer = Peer("planner", grace=1.0, busy=lambda: busy[0])
+    peer.answer(0)
+    assert not peer.expire(0.0) and not peer.expire(0.6)
+    busy[0] = 0.0
+    assert peer.expire(1.01)
+
+
 def test_restart_forgets_answers_of_before():
     peer = Peer("bridge")
     peer.answer(500 * TICK)

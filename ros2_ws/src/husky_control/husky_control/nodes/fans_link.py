@@ -13,8 +13,8 @@ from husky_control.tick_data import Measurements
 from husky_description.rotation import to_roll_pitch_yaw
 from husky_msgs.msg import PropulsionCommand, PropulsionState
 from husky_runtime import graph, qos
-from husky_runtime.lockstep import Peer
 from husky_runtime.nodes import stamps
+from husky_runtime.nodes.presence import make_peer
 
 COMMAND_PERIOD_NS = 10_000_000
 """Between two commands [ns]."""
@@ -40,7 +40,7 @@ class FansLink(TickInput[PropulsionState]):
             lockstep: a tick takes the state of a fixed time before it; otherwise the newest.
             grace: wall time a silent bridge is waited for in lockstep, once heard [s].
         """
-        peer = Peer(graph.PIXHAWK_BRIDGE, grace, start_grace=None)
+        peer = make_peer(node, graph.PIXHAWK_BRIDGE, grace, start_grace=None)
         super().__init__(
             node, graph.PROPULSION_STATE, peer, _STATE_DELAY_NS, 32, "the fans are not used"
         )

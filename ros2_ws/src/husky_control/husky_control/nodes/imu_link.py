@@ -15,8 +15,8 @@ from husky_control.nodes.tick_input import TickInput
 from husky_control.tick_data import Measurements
 from husky_description.arrays import Array
 from husky_runtime import graph, qos
-from husky_runtime.lockstep import Peer
 from husky_runtime.nodes.message_guard import Refused
+from husky_runtime.nodes.presence import make_peer
 
 _PERIOD_NS = 1_250_000
 """The VN-200 sends at 800 Hz (thesis T4) [ns]."""
@@ -52,7 +52,7 @@ class ImuLink(TickInput[ImuSample]):
             on_sample: called for each sample.
             lockstep: a tick takes the newest sample of before it; otherwise simply the newest.
         """
-        peer = Peer(graph.VN200_DRIVER, grace, start_grace=None)
+        peer = make_peer(node, graph.VN200_DRIVER, grace, start_grace=None)
         super().__init__(node, graph.IMU, peer, _PERIOD_NS, 16, "going on without it")
         self.time_ns = 0
         self._mount = mount

@@ -12,7 +12,8 @@ from husky_control.incline.plan_query import PlanQuery, next_query
 from husky_control.nodes.plan_message import from_message
 from husky_msgs.srv import PlanCycle
 from husky_runtime import graph
-from husky_runtime.lockstep import Peer, Presence
+from husky_runtime.lockstep import Presence
+from husky_runtime.nodes.presence import make_peer
 
 _DELAY_NS = 200_000_000
 """In lockstep a plan is followed from so long after it has been asked for [ns]."""
@@ -40,7 +41,7 @@ class PlanLink:
         self.plans = self.refusals = 0
         self._node = node
         self._client = node.create_client(PlanCycle, graph.PLAN_CYCLE)
-        self._peer = Peer(graph.PLANNER, grace, start_grace=None)
+        self._peer = make_peer(node, graph.PLANNER, grace, start_grace=None)
         self._lockstep = lockstep
         self._last: PlanQuery | None = None
         self._waiting = False

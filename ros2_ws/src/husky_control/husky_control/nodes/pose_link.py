@@ -10,8 +10,8 @@ from husky_control.estimation.t265_pose import T265Pose
 from husky_control.nodes.tick_input import TickInput
 from husky_control.tick_data import Measurements
 from husky_runtime import graph, qos
-from husky_runtime.lockstep import Peer
 from husky_runtime.nodes import stamps
+from husky_runtime.nodes.presence import make_peer
 
 _DELAY_NS = 10_000_000
 """In lockstep a tick knows the pose of this long ago: two periods of the camera [ns]."""
@@ -32,7 +32,7 @@ class PoseLink(TickInput[Odometry]):
             lockstep: a tick takes the pose of a fixed time before it; otherwise the newest.
             grace: wall time a silent camera is waited for in lockstep, once heard [s].
         """
-        peer = Peer(graph.T265_DRIVER, grace, start_grace=None)
+        peer = make_peer(node, graph.T265_DRIVER, grace, start_grace=None)
         super().__init__(node, graph.T265_ODOMETRY, peer, _DELAY_NS, 64, "going on without it")
         self._lockstep = lockstep
         self._pose = T265Pose()

@@ -25,11 +25,12 @@ from husky_drivers.nodes.pacer import Pacer
 from husky_drivers.nodes.robot_state import RobotState
 from husky_msgs.msg import DriveStatusArray, JointCommand
 from husky_runtime import graph, qos
-from husky_runtime.lockstep import Exchange, Heard, Peer
+from husky_runtime.lockstep import Exchange, Heard
 from husky_runtime.nodes import diagnostics, stamps
 from husky_runtime.nodes.executor import executor_of
 from husky_runtime.nodes.message_guard import Refused
 from husky_runtime.nodes.one_clock import OneClock
+from husky_runtime.nodes.presence import make_peer
 
 _START_PATIENCE = 10.0
 """Wall time that a request to enable the joints waits for a first command, torque off [s]."""
@@ -55,7 +56,8 @@ class JointBridge(OneClock, LifecycleNode, ABC, Generic[MasterT]):
         self.options = declare_bridge(self, robots, devices)
         self.lockstep = self.options.lockstep
         self.imu_stamp_ns = 0
-        self._controller = Exchange(Peer(graph.LOW_LEVEL_CONTROLLER, self.options.grace))
+        controller = make_peer(self, graph.LOW_LEVEL_CONTROLLER, self.options.grace)
+        self._controller = Exchange(controller)
         self._active = self._waiting = False
         self._tick_ns = -1
         self._last_command = JointCommand()

@@ -29,6 +29,7 @@ from husky_runtime.nodes import diagnostics, stamps
 from husky_runtime.nodes.message_guard import refuser
 from husky_runtime.nodes.one_clock import OneClock
 from husky_runtime.nodes.parameters import declare
+from husky_runtime.nodes.presence import make_peer
 from husky_runtime.nodes.run import run
 from husky_runtime.nodes.tick_clock import TickClock, percentile_ms
 from husky_runtime.stamp_gate import StampGate, Turn
@@ -59,8 +60,8 @@ class FlightController(OneClock, Node):
         what = "between the radio's frames, which lockstep counts [s]"
         period = declare(self, "sbus_period", 0.014, what, 0.004, 0.1)
         self._pace: FramePace[sbus.Frame] = FramePace(round(1e9 * period))
-        self._companion = Peer(graph.PIXHAWK_BRIDGE, grace, start_grace=None)
-        self._radio = Peer(graph.RC_TRANSMITTER, grace, start_grace=None)
+        self._companion = make_peer(self, graph.PIXHAWK_BRIDGE, grace, start_grace=None)
+        self._radio = make_peer(self, graph.RC_TRANSMITTER, grace, start_grace=None)
         self._pending: SensorSample | None = None
         self._tick_ns = -1
         self._gate: StampGate[FlightSensors] = StampGate(

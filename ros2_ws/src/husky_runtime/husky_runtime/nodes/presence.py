@@ -5,6 +5,7 @@ the wires of its robot.
 from __future__ import annotations
 
 import inspect
+import os
 import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -15,6 +16,8 @@ from rclpy.utilities import get_default_context
 
 from husky_runtime import domain_locks as occupancy
 from husky_runtime import graph
+from husky_runtime.lockstep import Peer
+from husky_runtime.processor_time import processor_time
 
 _NAMESPACE = re.compile(r"((?P<node>\w+):)?__ns:=(?P<namespace>.+)")
 
@@ -52,3 +55,20 @@ def namespace_of(arguments: Sequence[str], name: str) -> str:
 def default_serial_port(node: Node, device: str) -> str:
     """Return where a simulated serial device of a node's robot appears, e.g. "vn200"."""
     return graph.serial_port(device, node.context.get_domain_id(), node.get_namespace())
+
+
+def make_peer(node: Node, name: str, grace: float, start_grace: float | None = 30.0) -> Peer:
+    """Return another node of a node's robot, as lockstep waits for it: `Peer` has the arguments.
+
+    How busy its process is, is seen on this machine, through the lock on its name.
+    """
+
+    def busy() -> float:
+        domain, namespace = node.context.get_domain_id(), node.get_namespace()
+        try:
+            process = occupancy.holder(name, domain, os.environ, namespace)
+        except OSError:  # a lock that is not for us to read
+            return 0.0
+        return sum(processor_time(process)) if process else 0.0
+
+    return Peer(name, grace, start_grace, busy)

@@ -10,6 +10,7 @@ from rclpy.node import Node
 from rclpy.subscription import Subscription
 
 from husky_runtime.lockstep import Peer
+from husky_runtime.nodes.presence import make_peer
 from husky_sim.nodes.sensor_line import warn_of_silence
 from husky_sim.world import World
 
@@ -17,15 +18,18 @@ _RESEND_PERIOD = 0.1
 """Wall time after which an unanswered state is sent again: best effort may lose one [s]."""
 
 
-def peer_of(world: World, name: str, grace: float) -> Peer:
+def peer_of(node: Node, world: World, name: str, grace: float) -> Peer:
     """Return who is waited for in each tick; in a world without legs only once it has been heard.
 
     Args:
+        node: the plant.
         world: without legs a driver or bridge of the robot has nothing to do in it.
-        name: of the node.
+        name: of the other node.
         grace: wall time that it is waited for when it is silent [s].
     """
-    return Peer(name, grace) if world.has_legs else Peer(name, grace, start_grace=None)
+    if world.has_legs:
+        return make_peer(node, name, grace)
+    return make_peer(node, name, grace, start_grace=None)
 
 
 class AnsweredWire(ABC):

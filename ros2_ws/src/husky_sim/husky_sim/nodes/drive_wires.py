@@ -29,7 +29,7 @@ class DriveWires(JointWires):
         advance: Callable[[], None],
     ):
         """Subscribe and publish; arguments as of `open_joint_wires`."""
-        super().__init__(node, world, peer_of(world, graph.DRIVE_BRIDGE, grace))
+        super().__init__(node, world, peer_of(node, world, graph.DRIVE_BRIDGE, grace))
         self._servos, self._latency, self._advance = servos, latency, advance
         self._command_ns = -1
         self._state = ServoState()

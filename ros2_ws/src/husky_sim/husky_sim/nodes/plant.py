@@ -52,7 +52,7 @@ class Plant(OneClock, Node):
         self._world = declare_and_build_world(self)
         self._seed = self._world.options.seed
         device = Vn200Device(ImuFigures.of(self._world.robot.imu), self._seed)
-        driver = peer_of(self._world, graph.VN200_DRIVER, grace)
+        driver = peer_of(self, self._world, graph.VN200_DRIVER, grace)
         self._imu = SensorLine(self, device, "imu_port", "the IMU's serial line", driver)
         self._paused = declare(self, "start_paused", False, "wait for the step or pause service")
         self._steps = WorldSteps()

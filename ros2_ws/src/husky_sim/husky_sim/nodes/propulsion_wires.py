@@ -10,8 +10,8 @@ from rclpy.subscription import Subscription
 
 from husky_msgs.msg import FanCommand, FanState, FlightSensors
 from husky_runtime import graph, qos
-from husky_runtime.lockstep import Peer
 from husky_runtime.nodes import stamps
+from husky_runtime.nodes.presence import make_peer
 from husky_sim.devices.t265.device import T265Device
 from husky_sim.nodes.answered_wire import AnsweredWire
 from husky_sim.nodes.sensor_line import SensorLine
@@ -44,7 +44,7 @@ class PropulsionWires(AnsweredWire):
             advance: called when the flight controller has answered.
         """
         assert world.fans is not None
-        super().__init__(node, world, Peer(graph.FLIGHT_CONTROLLER, grace))
+        super().__init__(node, world, make_peer(node, graph.FLIGHT_CONTROLLER, grace))
         self._fans, self._advance = world.fans, advance
         self._command_ns = -1
         self._sensors, self._state = FlightSensors(), FanState()
@@ -62,7 +62,7 @@ class PropulsionWires(AnsweredWire):
             T265Device(world.robot.t265, seed),
             "t265_port",
             "the T265's wire",
-            Peer(graph.T265_DRIVER, grace),
+            make_peer(node, graph.T265_DRIVER, grace),
         )
 
     # The tick -------------------------------------------------------------------------------

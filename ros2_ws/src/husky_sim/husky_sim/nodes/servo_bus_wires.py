@@ -46,7 +46,7 @@ class ServoBusWires(JointWires):
     ):
         """Make the port; arguments as of `open_joint_wires`."""
         servo = world.robot.bus_servo
-        super().__init__(node, world, peer_of(world, graph.SERVO_BRIDGE, grace))
+        super().__init__(node, world, peer_of(node, world, graph.SERVO_BRIDGE, grace))
         self._clock, self._advance = clock, advance
         self.bus = EmulatedServoBus(servo, world.robot.joint_names, motors)
         what = "where the servos' line appears"

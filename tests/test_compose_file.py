@@ -11,7 +11,7 @@ from husky_bringup.system import simulated_robot
 from husky_experiments.scenario import SCENARIOS
 from husky_runtime import graph
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[1]
 DOCKER = ROOT / "docker"
 PARAMETERS = ["--ros-args", "--params-file", "/run/husky/parameters.yaml"]
 PROFILES = ("sim", "tools", "test", "remote")

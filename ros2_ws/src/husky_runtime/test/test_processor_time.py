@@ -1,0 +1,44 @@
+"""A process that works, one that waits for a processor, one that does nothing."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from husky_runtime.processor_time import processor_time
+
+HERE = Path("/proc/self/schedstat")
+pytestmark = pytest.mark.skipif(not HERE.exists(), reason="this kernel does not count")
+
+
+@pytest.fixture
+def busy_loop() -> Iterator[int]:
+    process = subprocess.Popen([sys.executable, "-c", "while True: pass"])
+    yield process.pid
+    process.kill()
+    process.wait()
+
+
+def test_a_loop_works_or_waits_all_the_time(busy_loop):
+    start, before = time.monotonic(), processor_time(busy_loop)
+    while (passed := time.monotonic() - start) < 0.3:
+        time.sleep(0.1)
+    spent = sum(processor_time(busy_loop)) - sum(before)
+    assert spent == pytest.approx(passed, rel=0.3)
+
+
+def test_one_that_is_stopped_or_gone_spends_nothing(busy_loop):
+    os.kill(busy_loop, signal.SIGSTOP)
+    while "T (stopped)" not in Path(f"/proc/{busy_loop}/status").read_text():
+        time.sleep(0.01)
+    before = processor_time(busy_loop)
+    time.sleep(0.2)
+    assert processor_time(busy_loop) == before
+    os.kill(busy_loop, signal.SIGKILL)
+    os.waitpid(busy_loop, 0)
+    assert processor_time(busy_loop) == (0.0, 0.0)
