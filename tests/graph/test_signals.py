@@ -67,7 +67,8 @@ class Run:
         self.processes: dict[int, str] = {}
         with (directory / "output").open("wb") as output:
             self.process = subprocess.Popen(
-                command.format(directory).split(),
+                # As from a terminal, also if this run is below nohup.
+                ["env", "--default-signal=HUP", *command.format(directory).split()],
                 env={**os.environ, _MARK: str(directory), "PYTHONDONTWRITEBYTECODE": "1"},
                 cwd=ROOT,
                 stdin=subprocess.DEVNULL,

@@ -103,7 +103,8 @@ def test_a_process_is_not_its_own_starter(monkeypatch: pytest.MonkeyPatch) -> No
 def test_nohup_holds_off_the_hang_up(words: list[str]) -> None:
     told = "import signal; from husky_runtime import starter; print(*starter.ending_signals())"
     listed = subprocess.run(
-        [*words, sys.executable, "-c", told],
+        # This run may itself be below nohup.
+        ["env", "--default-signal=HUP", *words, sys.executable, "-c", told],
         env=environment(),
         stdin=subprocess.DEVNULL,
         capture_output=True,
