@@ -75,7 +75,9 @@ class SecondTry:
             return
         terminalreporter.section("passed at the second try")
         for test, said in self._passed.items():
-            why = [line for line in said.splitlines() if line.startswith("E  ")] or [said]
-            terminalreporter.line(f"SECOND TRY {test}: {why[0].removeprefix('E').strip()}")
+            terminalreporter.line(f"SECOND TRY {test}")
+            for line in said.splitlines():
+                if line.startswith("E  "):
+                    terminalreporter.line(f"  {line.removeprefix('E').strip()}")
         if len(self._passed) > MOST:
             terminalreporter.line(f"FAILED: {len(self._passed)} second tries, {MOST} may be")

@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-import os
 import re
-import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from inner_run import inner_run
 
-HERE = Path(__file__).parent
-PLUGINS = ("conftest.py", "side_by_side.py", "second_try.py", "left_out.py")
-MARKERS = "markers = graph: .\n    docker: .\n    bare: .\n    realtime: .\n    slow: .\n"
 BENCH = """
 import pathlib
 import pytest
@@ -34,27 +28,8 @@ def test_unlucky_{0}(number):
 
 
 def outcome(root: Path, text: str, *options: str, code: int = 0) -> str:
-    """Run tests with this directory's plugins in two workers; return what is said."""
-    pytest.importorskip("xdist")
-    (root / "tests").mkdir()
-    for name in PLUGINS:
-        shutil.copy(HERE / name, root / "tests")
-    (root / "pytest.ini").write_text(f"[pytest]\naddopts = --import-mode=importlib\n{MARKERS}")
-    (root / "tests/test_it.py").write_text(BENCH + text)
-    run = subprocess.run(
-        [sys.executable, "-m", "pytest", "-p", "xdist.plugin", "-n", "2", *options, "tests"],
-        cwd=root,
-        timeout=240,
-        env={
-            **{n: v for n, v in os.environ.items() if not n.startswith("PYTEST_")},
-            "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1",
-        },
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert run.returncode == code, run.stdout + run.stderr
-    return run.stdout
+    """Run tests of one file in one of two workers; return what is said."""
+    return inner_run(root, {"test_it.py": BENCH + text}, "-n", "2", *options, code=code)
 
 
 def test_the_second_try_has_a_fresh_graph(tmp_path):
@@ -73,7 +48,9 @@ def test_goes_on_with_that(number):
 """
     said = outcome(tmp_path, text)
     assert "3 passed" in said
-    assert "SECOND TRY tests/test_it.py::test_unlucky: AssertionError: the first graph" in said
+    assert "SECOND TRY tests/test_it.py::test_unlucky\n" in said
+    assert "  AssertionError: the first graph\n" in said
+    assert "  assert 1 == 2\n" in said, "all that the first try said"
     assert (tmp_path / "ends").read_text() == "xx", "the first graph has ended too"
 
 
@@ -89,7 +66,8 @@ def test_it(started):
 """
     said = outcome(tmp_path, text)
     assert "1 passed" in said
-    assert "SECOND TRY tests/test_it.py::test_it: AssertionError: does not start" in said
+    assert "SECOND TRY tests/test_it.py::test_it\n" in said
+    assert "  AssertionError: does not start\n" in said
 
 
 def test_a_second_failure_fails_and_says_both(tmp_path):

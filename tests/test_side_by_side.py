@@ -2,15 +2,9 @@
 
 from __future__ import annotations
 
-import os
-import shutil
-import subprocess
-import sys
-from pathlib import Path
-
 import pytest
+from inner_run import inner_run
 
-HERE = Path(__file__).parent
 FILES = (
     "docker/test_a",
     "docker/test_b",
@@ -37,28 +31,12 @@ def test_it(number, request):
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[tuple]]:
     """Worker, begin and end [s] of each test of each file."""
-    pytest.importorskip("xdist")
     root = tmp_path_factory.mktemp("root")
-    tests = root / "tests"
-    (tests / "docker").mkdir(parents=True)
-    for name in ("conftest.py", "side_by_side.py", "second_try.py", "left_out.py"):
-        shutil.copy(HERE / name, tests)
-    (root / "pytest.ini").write_text("[pytest]\naddopts = --import-mode=importlib\n")
-    for name in FILES:
-        text = TEST.format(name=name, duration=0.3 if name == "test_long" else 0.05)
-        (tests / f"{name}.py").write_text(text)
-    options = ["-p", "xdist.plugin", "-n", "3", "--dist", "loadfile"]
-    environment = {n: v for n, v in os.environ.items() if not n.startswith("PYTEST_")}
-    run = subprocess.run(
-        [sys.executable, "-m", "pytest", *options, "tests"],
-        cwd=root,
-        timeout=240,
-        env={**environment, "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert run.returncode == 0, run.stdout + run.stderr
+    files = {
+        f"{name}.py": TEST.format(name=name, duration=0.3 if name == "test_long" else 0.05)
+        for name in FILES
+    }
+    inner_run(root, files, "-n", "3")
     found: dict[str, list[tuple]] = {name: [] for name in FILES}
     for line in (root / "trace").read_text().splitlines():
         name, worker, begin, end = line.split()

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 from containers import ROOT, Engine, run
 
-pytestmark = pytest.mark.bare
+pytestmark = [pytest.mark.graph, pytest.mark.bare]
 
 _IMAGE, _NAME = "husky:set-up", "husky-bare-machine"
 _DOWNLOADS = "husky-test-downloads"

@@ -210,7 +210,12 @@ def run(name: str, tmp_path: Path) -> Iterator[Run]:
 def test_no_signal_leaves_a_process_behind(name, run) -> None:
     """None is left, a line says what it was, and the exit code too."""
     script = SCRIPTS[name]
-    run.until(lambda: script.ready(run) and run.runs(script.victim), "never got so far")
+
+    def is_ready() -> bool:
+        assert run.process.poll() is None, f"has ended before its signal:\n{run.said}"
+        return script.ready(run) and run.runs(script.victim)
+
+    run.until(is_ready, "never got so far")
     victims = [n for n, command in run.processes.items() if script.victim in command]
     os.kill(victims[0] if script.victim else run.process.pid, script.number)
     sent = time.monotonic()

@@ -1,5 +1,5 @@
-"""Whose node it is: its name, held before it is made so that nobody joins a graph by mistake, and
-the wires of its robot.
+"""Whose node it is: its name, held before it is made so that nobody joins a graph by mistake, the
+wires of its robot, and the robot's other nodes.
 """
 
 from __future__ import annotations
