@@ -139,7 +139,7 @@ def _free_run(directory: Path, *, with_unit: bool) -> Iterator[Session]:
         pause.wait_for_service(10.0)
         future = pause.call_async(SetBool.Request(data=False))
         while not future.done():
-            session._executor.spin_once(timeout_sec=0.1)
+            session._serve(0.1)
         yield session
 
 
@@ -186,7 +186,7 @@ class _Probe:
     def _take(self, count: int) -> None:
         """Take up to so many of the messages that wait in each queue."""
         for _ in range(count * len(list(self._session._node.subscriptions))):
-            self._session._executor.spin_once(timeout_sec=0.0)
+            self._session._serve(0.0)
 
 
 def cpu_seconds(processes: Processes, specs: Any) -> dict[str, float]:

@@ -8,9 +8,11 @@ from pathlib import Path
 from typing import Any, Self
 
 import rclpy
+from rclpy.callback_groups import CallbackGroup
 from rclpy.client import Client
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.subscription import Subscription
 from rclpy.task import Future
 
 from husky_bringup.processes import Nodes, Processes
@@ -178,6 +180,10 @@ class GraphLink:
         self.wait_for(answered, f"an answer of {service}")
 
     # Waiting --------------------------------------------------------------------------------
+    def _serve(self, patience: float) -> None:
+        """Serve a callback of what comes within a while of wall time [s]."""
+        self._executor.spin_once(timeout_sec=patience)
+
     def wait_for(
         self, predicate: Callable[[], bool], what: str, patience: float = _PATIENCE
     ) -> None:
@@ -196,7 +202,7 @@ class GraphLink:
             self._check_processes()
             if time.monotonic() > deadline:
                 raise SessionError(f"waited {patience:.0f} s of wall time in vain for {what}")
-            self._executor.spin_once(timeout_sec=0.02)
+            self._serve(0.02)
 
     def _check_processes(self) -> None:
         for name, code in self.processes.ended().items():
@@ -221,7 +227,7 @@ class GraphLink:
             if time.monotonic() > deadline:
                 service = graph.absolute(service)
                 raise SessionError(f"{service} has not answered for {ANSWER_PERIOD:.0f} s")
-            self._executor.spin_once(timeout_sec=0.5)
+            self._serve(0.5)
         return future.result()
 
     def ask(self, service: str, request: Any) -> Future:
@@ -234,10 +240,16 @@ class GraphLink:
             service = graph.absolute(service)
             raise SessionError(f"{service} refused {request}: {response.message}")
 
-    def subscribe(self, kind: type, topic: str, callback: Callable[[Any], None]) -> None:
+    def subscribe(
+        self,
+        kind: type,
+        topic: str,
+        callback: Callable[[Any], None],
+        group: CallbackGroup | None = None,
+    ) -> Subscription:
         """Listen to one more topic of the graph."""
         profile = qos.PROFILES[graph.topic(topic).qos]
-        self._node.create_subscription(kind, topic, callback, profile)
+        return self._node.create_subscription(kind, topic, callback, profile, callback_group=group)
 
     def add_service(self, kind: type, service: str) -> None:
         """Make one more service of the graph callable, once it is there.
