@@ -11,15 +11,16 @@ _HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(_HERE), str(_HERE.parent / "ros2_ws/src/husky_pu/test")]
 pytest.register_assert_rewrite("node_faults")
 
-_LONG_ONES_FIRST = (
-    "tests/docker",
-    "tests/graph/propulsion",
-    "tests/graph",
-    "tests/closed_loop",
-    "ros2_ws/src/husky_control",
-    "tests",
-)
-"""So that no worker is left with a long file when the others have nothing any more."""
+_PLACES = {
+    "tests/docker": 0,
+    "tests/graph/propulsion": 1,
+    "tests/graph": 2,
+    "tests/closed_loop": 5,
+    "tests": 4,
+    "": 3,
+}
+"""Of files in a run, by how their path begins: graphs at one end, other long ones at the other,
+short ones between. `side_by_side` begins at both ends."""
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -43,8 +44,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
                 shared.setdefault(item.path, name)
 
     def rank(item: pytest.Item) -> tuple[bool, int, str]:
-        ranks = (i for i, start in enumerate(_LONG_ONES_FIRST) if item.nodeid.startswith(start))
-        place = next(ranks, len(_LONG_ONES_FIRST))
+        place = next(p for start, p in _PLACES.items() if item.nodeid.startswith(start))
         return "realtime" in item.path.name, place, shared.get(item.path, "")
 
     items.sort(key=rank)

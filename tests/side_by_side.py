@@ -4,6 +4,8 @@ A file is run by one worker, so that its tests share their graph. Beyond that
 
 - the tests across containers have a worker to themselves, from the start: Fast DDS looks for
   network interfaces once a process, and these tests make one;
+- one worker begins with the first file, where the graphs are, the others with the last one: a
+  graph keeps two processors busy, and two take as long side by side as one after the other;
 - files with real time in their name come last, when all other workers have gone: what they judge
   would be late for want of a processor.
 """
@@ -19,12 +21,13 @@ REALTIME = "realtime"
 
 
 class SideBySide(LoadFileScheduling):  # type: ignore[misc]
-    """Hands out the files in the order in which they were collected, as this module says."""
+    """Hands out the files from both ends of the order in which they were collected."""
 
     def __init__(self, config: Any, log: Any = None):
         """Prepare, with pytest's configuration and xdist's log."""
         super().__init__(config, log)
         config.option.loadscopereorder = False  # xdist's own order is by the number of tests
+        self._first: Any = None  # who begins with the first file
 
     def _split_scope(self, nodeid: str) -> str:
         file = nodeid.split("::", 1)[0]
@@ -38,7 +41,17 @@ class SideBySide(LoadFileScheduling):  # type: ignore[misc]
 
     def _assign_work_unit(self, node: Any) -> None:
         if not self._too_early():
+            self.workqueue.move_to_end(self._next_for(node), last=False)
             super()._assign_work_unit(node)
+
+    def _next_for(self, node: Any) -> str:
+        """Return what a worker gets next."""
+        waiting = [scope for scope in self.workqueue if scope != REALTIME] or [REALTIME]
+        if waiting[0] == DOCKER:
+            return DOCKER
+        if self._first not in self.nodes:
+            self._first = node
+        return waiting[0 if node is self._first else -1]
 
     def _reschedule(self, node: Any) -> None:
         """Give a worker that has little left its next file, or let it go when it is done."""

@@ -53,6 +53,7 @@ def test_setup_with_something_to_do(tmp_path: Path) -> None:
 
 
 @pytest.mark.graph
+@pytest.mark.slow
 def test_an_experiment_with_its_output_elsewhere(tmp_path: Path, domain: int) -> None:
     """What is compiled goes to the user's own cache, beginning with what the tree has."""
     result = read_only(

@@ -132,31 +132,33 @@ def test_services_are_listed_with_their_types(results: Results) -> None:
 
 
 def test_parameters_are_set_and_refused(ros2: Ros2, sample: None) -> None:
-    assert ros2("param", "set", "/sample", "count", "5").stdout == "Set parameter successful\n"
-    assert ros2("param", "get", "/sample", "count").stdout == "Integer value is: 5\n"
-    refused = ros2("param", "set", "/sample", "count", "13")
+    set_it, get_it = ("param", "set", "/sample", *PATIENT), ("param", "get", "/sample", *PATIENT)
+    assert ros2(*set_it, "count", "5").stdout == "Set parameter successful\n"
+    assert ros2(*get_it, "count").stdout == "Integer value is: 5\n"
+    refused = ros2(*set_it, "count", "13")
     assert refused.stderr == "Setting parameter failed: 13 is refused\n"
-    beyond = ros2("param", "set", "/sample", "gains.kp", "900.0")
+    beyond = ros2(*set_it, "gains.kp", "900.0")
     assert beyond.stderr.startswith("Setting parameter failed: ")
-    assert ros2("param", "get", "/sample", "count").stdout == "Integer value is: 5\n"
+    assert ros2(*get_it, "count").stdout == "Integer value is: 5\n"
 
 
 def test_parameters_are_loaded_from_a_file(ros2: Ros2, sample: None, tmp_path: Path) -> None:
     file = tmp_path / "sample.yaml"
     own = "/sample: {ros__parameters: {count: 13}}"
     file.write_text(f"{own}\n/**: {{ros__parameters: {{numbers: [3, 4]}}}}\n")
-    loaded = ros2("param", "load", "/sample", str(file))
+    loaded = ros2("param", "load", "/sample", str(file), *PATIENT)
     assert loaded.stdout == "Set parameter numbers successful\n"
     assert loaded.stderr == "Set parameter count failed: 13 is refused\n"
-    alone = ros2("param", "load", "--no-use-wildcard", "/sample", str(file))
+    alone = ros2("param", "load", "--no-use-wildcard", "/sample", str(file), *PATIENT)
     assert (alone.stdout, alone.stderr) == ("", loaded.stderr)
 
 
 def test_parameters_are_deleted_where_their_type_may_change(ros2: Ros2, sample: None) -> None:
     name = "loose.genuine" if ros2.is_genuine else "loose.stand_in"
-    assert ros2("param", "delete", "/sample", name).stdout == "Deleted parameter successfully\n"
-    assert ros2("param", "get", "/sample", name).stderr == "Parameter not set\n"
-    refused = ros2("param", "delete", "/sample", "count").stderr
+    delete = ("param", "delete", "/sample", *PATIENT)
+    assert ros2(*delete, name).stdout == "Deleted parameter successfully\n"
+    assert ros2("param", "get", "/sample", name, *PATIENT).stderr == "Parameter not set\n"
+    refused = ros2(*delete, "count").stderr
     assert refused.startswith("Deleting parameter failed: ")
 
 

@@ -1,4 +1,7 @@
-"""Several workers: each file in one, containers in one of their own, real time alone at the end."""
+"""Several workers: each file in one, containers in one of their own, real time alone at the end.
+
+One begins with the first file, the others with the last one.
+"""
 
 from __future__ import annotations
 
@@ -57,6 +60,14 @@ def test_containers_have_a_worker_of_their_own(runs):
     (of_containers,) = workers(runs["docker/test_a"]) | workers(runs["docker/test_b"])
     others = [tests for name, tests in runs.items() if not name.startswith("docker")]
     assert of_containers not in set().union(*map(workers, others))
+
+
+def test_files_are_begun_from_both_ends(runs):
+    """Those that are in no worker's own: the longest is the first one."""
+    begins = {name: tests[0][1] for name, tests in runs.items()}
+    assert begins["test_third"] < begins["test_short"]
+    assert workers(runs["test_long"]).isdisjoint(workers(runs["test_third"]))
+    assert begins["test_long"] < runs["test_third"][-1][2]
 
 
 def test_files_in_real_time_come_last_and_alone(runs):

@@ -10,8 +10,10 @@ import math
 import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from typing import Any
 
 import numpy as np
+import pytest
 from in_process import InProcessRobot
 
 from husky_control.parameters import TABLE
@@ -41,6 +43,13 @@ def ends(*prefixes: str, but: tuple[str, ...] = ()) -> list[tuple[str, str]]:
     rows = [n for n in TABLE if n.startswith(prefixes) and not n.startswith(but)]
     both = [(name, end) for name in rows for end in ("lower", "upper")]
     return [(name, end) for name, end in both if getattr(TABLE[name], end) != TABLE[name].default]
+
+
+def cases(*prefixes: str, but: tuple[str, ...] = ()) -> list[Any]:
+    """Return the `ends` as pytest's parameters: of one the lower is slow, of the next the upper."""
+    slow = [pytest.mark.slow]
+    pairs = enumerate(ends(*prefixes, but=but))
+    return [pytest.param(*pair, marks=slow * ((i + i // 2) % 2)) for i, pair in pairs]
 
 
 def at_end(name: str, end: str) -> dict[str, float]:
@@ -161,9 +170,7 @@ class SweptRobot:
         if self.mode == "walk":
             self.ask("stand")
             p = self.robot.controller.parameters
-            slow_down = max(
-                0.3 / p["command.acceleration"], 0.4 / p["command.yaw_acceleration"]
-            )
+            slow_down = max(0.3 / p["command.acceleration"], 0.4 / p["command.yaw_acceleration"])
             most = STOPPING + slow_down + 3.0 * self.cycle(self.robot.controller.context.gait)
             self.go(most, None, "walk", "stand", until=lambda: self.mode == "stand")
 

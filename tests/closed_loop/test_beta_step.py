@@ -7,6 +7,8 @@ from flying_beta import FlyingBeta
 
 from husky_sim.terrain import TerrainOptions
 
+pytestmark = pytest.mark.slow
+
 GROUND = TerrainOptions(kind="gap", approach=0.7, size=0.8, height=0.3, top=4.0)
 STEP = GROUND.height
 

@@ -105,6 +105,7 @@ def test_bad_commands_are_refused_with_the_range(on_slope, command):
     assert not accepted and "must be within +-" in message
 
 
+@pytest.mark.slow
 def test_with_a_fan_lost_it_walks_down_around_the_foot_of_the_slope_to_the_flat():
     """With plans, as the graph has them, on the way that asks most of the contact detection."""
     robot = ClimbingRobot(45.0, seed=3, blend=1.5)
@@ -129,6 +130,7 @@ def test_with_a_fan_lost_it_walks_down_around_the_foot_of_the_slope_to_the_flat(
     assert high > 2000 and felt == 0
 
 
+@pytest.mark.slow
 def test_fixed_fans_carry_it_up_45_degrees():
     """The body leans so far ahead that the thrust along its own axis holds it."""
     robot = ClimbingRobot(45.0, blend=3.0, mounting="fixed")

@@ -2,6 +2,7 @@
 
 An end is set while the robot is at its task, or before it begins, in turns; HUSKY_SWEEP=4 takes
 each both ways, and four times as long; HUSKY_SWEEP_SEED=3 is another robot.
+One end of each is slow.
 """
 
 import math
@@ -11,7 +12,7 @@ import pytest
 from climbing_robot import ClimbingRobot
 from flying import FlyingRobot
 from in_process import InProcessRobot
-from swept_robot import LONGER, SPEED, SweptRobot, at_end, ends
+from swept_robot import LONGER, SPEED, SweptRobot, at_end, cases, ends
 
 from husky_control.parameters import TABLE
 from husky_sim.world import WorldOptions
@@ -138,13 +139,13 @@ def sweep_walk(robot, gait, name, end):
                 robot.be_standing()
 
 
-@pytest.mark.parametrize(END, ends(*GAINS, but=CRAWLING))
+@pytest.mark.parametrize(END, cases(*GAINS, but=CRAWLING))
 def test_trot(walker, name, end):
     """A gain of walking: the robot trots on, turns, keeps its speed, and stands."""
     sweep_walk(walker, "trot", name, end)
 
 
-@pytest.mark.parametrize(END, ends(*CRAWLING))
+@pytest.mark.parametrize(END, cases(*CRAWLING))
 def test_crawl(crawler, name, end):
     """A gain of the static margin, which only a crawl has."""
     sweep_walk(crawler, "crawl", name, end)
@@ -159,14 +160,14 @@ def sweep_gait(robot, gait, values):
 
 
 @pytest.mark.in_a_copy
-@pytest.mark.parametrize(END, ends(*FLAT))
+@pytest.mark.parametrize(END, cases(*FLAT))
 def test_gait(standing_walker, name, end):
     """A column of a gait: from standing a whole cycle at least, and back."""
     sweep_gait(standing_walker, name.split(".")[1], at_end(name, end))
 
 
 @pytest.mark.in_a_copy
-@pytest.mark.parametrize(END, ends("gait.crawl."))
+@pytest.mark.parametrize(END, cases("gait.crawl."))
 def test_gait_that_crawls(standing_crawler, name, end):
     """The same of the crawl, whose cycle is ten times as long."""
     sweep_gait(standing_crawler, "crawl", at_end(name, end))
@@ -194,7 +195,7 @@ def test_corner(standing_walker, values):
     sweep_gait(standing_walker, next(iter(values)).split(".")[1], values)
 
 
-@pytest.mark.parametrize(END, ends("stand."))
+@pytest.mark.parametrize(END, cases("stand."))
 def test_standing_up_and_sitting_down(walker, name, end):
     with walker.healthy():
         if end == "lower" or LONGER > 1.0:
@@ -207,7 +208,7 @@ def test_standing_up_and_sitting_down(walker, name, end):
             walker.be_sitting()
 
 
-@pytest.mark.parametrize(END, ends("assist."))
+@pytest.mark.parametrize(END, cases("assist."))
 def test_trot_with_the_fans_help(helped, name, end):
     """What shares the weight between legs and fans."""
     sweep_walk(helped, "trot", name, end)
@@ -225,13 +226,13 @@ def sweep_climb(robot, name, end, gait="climb"):
             robot.climb(LONGER * DURATION[gait], -up)
 
 
-@pytest.mark.parametrize(END, ends("wair.", but=("wair.crouch_time",)))
+@pytest.mark.parametrize(END, cases("wair.", but=("wair.crouch_time",)))
 def test_climb(climber, name, end):
     """On a slope of 25 degrees."""
     sweep_climb(climber, name, end)
 
 
-@pytest.mark.parametrize(END, ends("gait.climb."))
+@pytest.mark.parametrize(END, cases("gait.climb."))
 def test_gait_that_climbs(climber, name, end):
     """Taken over with the first step on the slope."""
     with climber.healthy():
@@ -241,7 +242,7 @@ def test_gait_that_climbs(climber, name, end):
         climber.be_still()
 
 
-@pytest.mark.parametrize(END, ends("wair.crouch_time"))
+@pytest.mark.parametrize(END, cases("wair.crouch_time"))
 def test_crouch(climber, name, end):
     """The fans are lost on the slope: it ends low on its feet, where a drive may stop."""
     with climber.healthy():
@@ -257,12 +258,12 @@ def test_crouch(climber, name, end):
         climber.drop()
 
 
-@pytest.mark.parametrize(END, ends("wair.lean_"))
+@pytest.mark.parametrize(END, cases("wair.lean_"))
 def test_climb_with_fixed_fans(leaner, name, end):
     sweep_climb(leaner, name, end, "lean")
 
 
-@pytest.mark.parametrize(END, ends(*TREADING))
+@pytest.mark.parametrize(END, cases(*TREADING))
 def test_tread(treader, name, end):
     """What a hanging robot takes of its gait."""
     with treader.healthy():

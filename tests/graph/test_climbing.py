@@ -45,14 +45,24 @@ def test_without_the_planner_it_climbs_on(climber):
     session.kill(graph.PLANNER)
     plans = climber.told(graph.LOW_LEVEL_CONTROLLER, "plans")
     start = climber.height
-    assert go(session, COURSE, 3.0, 0.2), climber.seen  # another speed asks for another plan
-    assert climber.mode == "wair" and climber.height > start + 0.1
+    assert go(session, COURSE, 1.2, 0.2), climber.seen  # another speed asks for another plan
+    assert climber.mode == "wair" and climber.height > start + 0.04
     assert climber.told(graph.LOW_LEVEL_CONTROLLER, "plans") == plans
+
+
+@pytest.mark.slow
+def test_a_new_planner_is_asked_again(climber):
+    session = climber.session
+    if session.processes.running(graph.PLANNER):
+        session.kill(graph.PLANNER)
+    plans = climber.told(graph.LOW_LEVEL_CONTROLLER, "plans")
     session.start(graph.PLANNER)
     climber.reported(graph.PLANNER, "ready")  # in simulated time nobody waits for it
     climber.until(
-        lambda: climber.told(graph.LOW_LEVEL_CONTROLLER, "plans") > plans
-        or not go(session, COURSE, 1.0, 0.15),
+        lambda: (
+            climber.told(graph.LOW_LEVEL_CONTROLLER, "plans") > plans
+            or not go(session, COURSE, 1.0, 0.15)
+        ),
         "a plan of the new planner",
         within=15.0,
     )

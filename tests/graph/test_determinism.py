@@ -129,6 +129,7 @@ def test_another_seed(digest, robot):
     assert script(robot) != digest
 
 
+@pytest.mark.slow
 def test_in_new_processes(digest, new_graph):
     """The plant's memory of the first run is not what makes runs alike."""
     with new_graph() as another:

@@ -72,4 +72,5 @@ def test_line_that_damages_some_packets(trotting, record_property):
 
 
 def _damaged(robot):
-    return sum(robot.told(graph.VN200_DRIVER, key) for key in ("crc_errors", "truncated"))
+    values = robot.reported(graph.VN200_DRIVER, "").values
+    return sum(int(each.value) for each in values if each.key in ("crc_errors", "truncated"))

@@ -112,6 +112,10 @@ class Operator:
         self.answer = next(future.result() for future in asked if future.done())
         return self.answer
 
+    def pause(self, paused: bool) -> None:
+        """Let the world stand still, or go on."""
+        assert self.call(SetBool, graph.PLANT_PAUSE, data=paused).success
+
     def stand(self) -> None:
         self.until(lambda: self.mode == "passive", "the controller")
         self.until(
@@ -127,7 +131,7 @@ def robots(domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[An
     directory = tmp_path_factory.mktemp("robots")
     commands = [
         bringup("robot1", "--record", str(directory / "bag")),
-        bringup("/fleet/robot2"),
+        bringup("/fleet/robot2", "--set", f"{graph.PLANT}.start_paused=true"),
     ]
     context = Context()
     rclpy.init(context=context)
@@ -155,10 +159,13 @@ def robots(domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[An
 def test_one_stands_up_and_the_other_does_not_hear_of_it(robots: Any) -> None:
     first, second, _, _ = robots
     first.stand()
+    first.pause(True)
+    second.pause(False)
     second.until(lambda: second.mode == "passive" and second.truth is not None, "the second robot")
     assert first.height > 0.5 and second.height < 0.4
     second.stand()
     assert second.height > 0.5
+    first.pause(False)
 
 
 def test_names_are_below_the_namespaces(robots: Any) -> None:
@@ -189,7 +196,7 @@ def test_names_are_below_the_namespaces(robots: Any) -> None:
 def test_each_has_its_own_time(robots: Any) -> None:
     """One world stands still, the other goes on."""
     first, second, _, _ = robots
-    assert second.call(SetBool, graph.PLANT_PAUSE, data=True).success
+    second.pause(True)
     second.reports.clear()
     second.until(lambda: second.reports.keys() == NODES, "reports of the second robot")
     second.reports.clear()
@@ -200,7 +207,7 @@ def test_each_has_its_own_time(robots: Any) -> None:
     second.reports.clear()
     second.until(lambda: second.reports.keys() == NODES, "reports of the second robot")
     assert set(second.reports.values()) == {now}
-    assert second.call(SetBool, graph.PLANT_PAUSE, data=False).success
+    second.pause(False)
 
 
 def test_an_emergency_stop_stops_one(robots: Any) -> None:

@@ -14,9 +14,11 @@ def alone(request):
         yield number
 
 
+@pytest.mark.slow
 def test_look_inside(alone, tmp_path):
     pasted.look_inside("lockstep", tmp_path / "log")
 
 
+@pytest.mark.slow
 def test_with_the_propulsion_unit(alone):
     pasted.with_the_propulsion_unit("lockstep")

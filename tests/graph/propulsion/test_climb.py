@@ -15,7 +15,7 @@ from husky_experiments.incline_course import (
 )
 from husky_experiments.session import SessionError
 
-pytestmark = pytest.mark.graph
+pytestmark = [pytest.mark.graph, pytest.mark.slow]
 
 COURSE = Course(30.0, approach=0.3, blend=0.8, length=4.0)
 SPEED = 0.3

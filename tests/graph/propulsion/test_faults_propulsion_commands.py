@@ -59,6 +59,7 @@ def test_bad_thrust_commands_among_good_ones(assisted, publish, record_property)
     assert s.propulsion.armed, assisted.seen
 
 
+@pytest.mark.slow
 def test_only_bad_thrust_commands(assisted, publish, record_property):
     """They count as silence, do not keep the last good one alive, and the world goes on."""
     s, robot = assisted.session, assisted.robot

@@ -109,6 +109,7 @@ def test_a_crowd_on_the_udp_port(assisted, stranger, record_property):
     assert assisted.helps(began), assisted.seen
 
 
+@pytest.mark.slow
 def test_armed_by_a_stranger_while_a_share_stands(assisted, stranger):
     """Arming asks for no thrust: the share has to be set again, and thrust then begins at zero."""
     s, robot = assisted.session, assisted.robot

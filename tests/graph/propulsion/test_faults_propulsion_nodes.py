@@ -25,6 +25,7 @@ def test_pixhawk_bridge_killed(assisted, record_property):
     assisted.recover()
 
 
+@pytest.mark.slow
 def test_pixhawk_bridge_started_again_at_once(assisted, record_property):
     """Before the flight controller misses it: its thrust begins at zero and comes back slowly."""
     s = assisted.session
@@ -61,6 +62,7 @@ def test_flight_controller_killed(assisted, record_property):
     assisted.recover()
 
 
+@pytest.mark.slow
 def test_controller_killed_while_assisting(assisted, record_property):
     """Legs first: without their torque the robot sinks, and the fans let it."""
     robot, s = assisted.robot, assisted.session

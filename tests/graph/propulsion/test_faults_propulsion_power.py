@@ -33,7 +33,7 @@ def test_fan_lost_while_trotting(assisted, record_property):
     assisted.recover()
 
 
-@pytest.mark.parametrize("charge", ["0.0", "0.05"])
+@pytest.mark.parametrize("charge", ["0.0", pytest.param("0.05", marks=pytest.mark.slow)])
 def test_battery_empty(assisted, record_property, charge):
     s = assisted.session
     failed = assisted.watch()

@@ -84,6 +84,7 @@ def test_vectored_fan_lost(companion, record_property):
     companion.robot.reported(graph.PIXHAWK_BRIDGE, "fan lost: front_left")
 
 
+@pytest.mark.slow
 def test_vectored_flight_controller_dies(companion, record_property):
     s = companion.session
     companion.pushes(FORCE * UP_THE_WALL)

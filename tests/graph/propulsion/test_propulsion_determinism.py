@@ -7,7 +7,7 @@ from husky_experiments.scripts import push, ready_fans, stand_up, walk
 from husky_experiments.session import Session
 from husky_runtime import graph
 
-pytestmark = pytest.mark.graph
+pytestmark = [pytest.mark.graph, pytest.mark.slow]
 
 SETTINGS = {
     graph.PLANT: {"body": "robot_with_unit", "seed": 3},
