@@ -30,5 +30,5 @@ cd "$root"
 status="$(< "/proc/$$/stat")"
 read -r -a status <<< "${status##*) }"
 export HUSKY_STARTER="$$:${status[19]}"
-# A graph is a chain of processes, of which about one runs at a time: it keeps one processor busy, not two.
+# One worker runs the graphs, each of which keeps two processors busy now and then; the others run the rest: tests/side_by_side.py
 in_turn python -m pytest -n "$workers" --dist loadfile "${options[@]}" "$@"

@@ -1,9 +1,20 @@
-"""Somebody in the robot's domain who sends what nobody should, to every topic of the graph."""
+"""Somebody in the robot's domain who sends what nobody should, to every topic of the graph.
+
+Each message is a genuine one of now with one thing wrong, so its stamp says that it belongs here.
+"""
 
 import importlib
 import re
 
 from hostile import broken_bytes, mutations
+from rcl_interfaces.msg import Parameter, ParameterValue
+from rcl_interfaces.srv import (
+    DescribeParameters,
+    GetParameters,
+    ListParameters,
+    SetParameters,
+    SetParametersAtomically,
+)
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
@@ -12,6 +23,7 @@ from husky_runtime import graph, qos
 
 STRANGERS_STOP = {graph.absolute(graph.JOINT_COMMAND)}
 """Where a message out of turn stops the drives: `test_stranger`."""
+LONG = "x" * 100_000
 
 
 class Stranger:
@@ -94,6 +106,35 @@ class Stranger:
             assert self.robot.told(name, "refused_messages") > 0, name
             assert self.robot.told(name, "failed_callbacks") == 0, name
         return said
+
+    def ask_in_vain(self, kind, service, fields):
+        """Make a request that cannot be met: the answer is a no with a reason that can be read."""
+        answer = self.robot.ask(kind, service, **fields)
+        assert not answer.success and 0 < len(answer.message) < 1000, answer.message[:200]
+        self.session.advance(0.04)
+        self.check(service)
+
+    def misuse_parameters(self):
+        """Every node has parameter services; they say no, or give an empty answer."""
+        for spec in self.session.specs:
+            name = f"/{spec.name}"
+            for bad in (_bad_parameter(), _bad_parameter(4, string_value=LONG), _bad_parameter(3)):
+                answer = self.robot.ask(SetParameters, f"{name}/set_parameters", parameters=[bad])
+                assert len(answer.results) == 1 and not answer.results[0].successful, spec.name
+                answer = self.robot.ask(
+                    SetParametersAtomically, f"{name}/set_parameters_atomically", parameters=[bad]
+                )
+                assert not answer.result.successful and answer.result.reason, spec.name
+            many = ["nothing"] * 5000
+            self.robot.ask(GetParameters, f"{name}/get_parameters", names=many)
+            self.robot.ask(DescribeParameters, f"{name}/describe_parameters", names=[LONG])
+            self.robot.ask(ListParameters, f"{name}/list_parameters", depth=2**64 - 1)
+        self.session.advance(0.2)
+        self.check("parameter services")
+
+
+def _bad_parameter(kind=200, **value):
+    return Parameter(name="stand.duration", value=ParameterValue(type=kind, **value))
 
 
 def _message_class(kind):

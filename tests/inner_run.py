@@ -10,10 +10,10 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
+from left_out import MARKERS
 
 HERE = Path(__file__).parent
 _PLUGINS = ("conftest.py", "left_out.py", "second_try.py", "side_by_side.py")
-_MARKERS = ("bare", "docker", "graph", "realtime", "slow")
 
 
 def inner_run(root: Path, files: Mapping[str, str], *options: str, code: int = 0) -> str:
@@ -32,7 +32,7 @@ def inner_run(root: Path, files: Mapping[str, str], *options: str, code: int = 0
         (tests / name).write_text(text)
     for name in _PLUGINS:
         shutil.copy(HERE / name, tests)
-    markers = "".join(f"\n    {marker}: ." for marker in _MARKERS)
+    markers = "".join(f"\n    {marker}: ." for marker in ("graph", *MARKERS))
     settings = f"[pytest]\naddopts = --import-mode=importlib --strict-markers\nmarkers ={markers}\n"
     (root / "pytest.ini").write_text(settings)
     distributed = ["-p", "xdist.plugin", "--dist", "loadfile"]

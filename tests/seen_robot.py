@@ -13,6 +13,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from std_srvs.srv import Trigger
 
+from husky_experiments.hearing import waiting
 from husky_experiments.scripts import FIRST_SAMPLES, walk
 from husky_experiments.session import Session, SessionError
 from husky_msgs.msg import ServoCommand, ServoState
@@ -47,11 +48,7 @@ class Tap:
 
     def drain(self) -> list[Any]:
         """Fetch what has come; return all messages since `clear`."""
-        subscription = self._subscription
-        handle = subscription.handle
-        with handle:
-            while (taken := handle.take_message(subscription.msg_type, False)) is not None:
-                self.messages.append(taken[0])
+        self.messages.extend(waiting(self._subscription))
         return self.messages
 
     def clear(self) -> None:

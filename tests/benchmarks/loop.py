@@ -25,7 +25,6 @@ import numpy as np
 import relay
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Twist
-from std_srvs.srv import SetBool
 
 from husky_bringup.processes import Processes
 from husky_bringup.system import simulated_robot
@@ -135,11 +134,7 @@ def _free_run(directory: Path, *, with_unit: bool) -> Iterator[Session]:
             assist(session, 0.4)
         session.set_gait("trot")
         walk(session, 2.0, (0.4, 0.0, 0.0))
-        pause = session._node.create_client(SetBool, graph.PLANT_PAUSE)
-        pause.wait_for_service(10.0)
-        future = pause.call_async(SetBool.Request(data=False))
-        while not future.done():
-            session._serve(0.1)
+        session.pause(False)
         yield session
 
 
@@ -186,7 +181,7 @@ class _Probe:
     def _take(self, count: int) -> None:
         """Take up to so many of the messages that wait in each queue."""
         for _ in range(count * len(list(self._session._node.subscriptions))):
-            self._session._serve(0.0)
+            self._session.serve(0.0)
 
 
 def cpu_seconds(processes: Processes, specs: Any) -> dict[str, float]:

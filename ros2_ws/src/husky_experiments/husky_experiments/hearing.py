@@ -7,7 +7,7 @@ world steps takes a fifth of a processor from the nodes.
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -23,6 +23,8 @@ from husky_runtime.nodes import stamps
 _REPORT_PERIOD = 5.0
 """Wall time that a report may be late, after which its node counts as silent [s]. One that is lost
 is sent again within 3 s, the middleware's heartbeat."""
+_GLANCE, _LOOK = 0.001, 0.02
+"""Wall time between two looks for a late report: at first, most are here at once, and later [s]."""
 _REPORTS = {
     graph.GROUND_TRUTH: 10_000_000,
     graph.FAN_STATE: 10_000_000,
@@ -35,6 +37,13 @@ _REPORTERS = {
     graph.LOW_LEVEL_CONTROLLER: graph.CONTROLLER_STATE,
 }
 """Without whom there is no report: the controller ticks by the joint states."""
+
+
+def waiting(subscription: Subscription) -> Iterator[Any]:
+    """Take the messages that wait in the queue of a subscription which no executor serves."""
+    with (queue := subscription.handle):
+        while (taken := queue.take_message(subscription.msg_type, False)) is not None:
+            yield taken[0]
 
 
 class _Unserved(CallbackGroup):
@@ -86,16 +95,12 @@ class HeardGraph(GraphLink):
         self._lost_peers: list[str] | None = None
         self.subscribe(DiagnosticArray, graph.DIAGNOSTICS, self._on_diagnostics)
 
-    def _serve(self, patience: float) -> None:
-        super()._serve(patience)
-        self._fetch()
-
-    def _fetch(self) -> None:
-        """Take the reports that have come."""
+    def serve(self, patience: float) -> None:
+        """Serve a callback of what comes within a while of wall time [s]; fetch the reports."""
+        super().serve(patience)
         for report in self._reports:
-            with (queue := report.handle):
-                while (taken := queue.take_message(report.msg_type, False)) is not None:
-                    report.callback(taken[0])
+            for message in waiting(report):
+                report.callback(message)
 
     def _forget(self) -> None:
         """Drop what has been reported: it is of a world that is no more."""
@@ -123,7 +128,7 @@ class HeardGraph(GraphLink):
     def _catch_up(self) -> None:
         """Wait for the reports of the ticks gone by, of the nodes that do report."""
         now = round(self.time * 1e9)
-        deadline = time.monotonic() + _REPORT_PERIOD
+        deadline, patience = time.monotonic() + _REPORT_PERIOD, _GLANCE
         while late := [
             topic for topic, stamp in self._reported.items() if stamp <= now - _REPORTS[topic]
         ]:
@@ -131,7 +136,8 @@ class HeardGraph(GraphLink):
                 for topic in late:
                     del self._reported[topic]
                 return
-            self._serve(0.001)
+            self.serve(patience)
+            patience = min(2.0 * patience, _LOOK)
 
     def kill(self, node: str) -> None:
         """Kill a node (SIGKILL), and forget what it has said; the others must do without it."""

@@ -180,7 +180,7 @@ class GraphLink:
         self.wait_for(answered, f"an answer of {service}")
 
     # Waiting --------------------------------------------------------------------------------
-    def _serve(self, patience: float) -> None:
+    def serve(self, patience: float) -> None:
         """Serve a callback of what comes within a while of wall time [s]."""
         self._executor.spin_once(timeout_sec=patience)
 
@@ -202,7 +202,7 @@ class GraphLink:
             self._check_processes()
             if time.monotonic() > deadline:
                 raise SessionError(f"waited {patience:.0f} s of wall time in vain for {what}")
-            self._serve(0.02)
+            self.serve(0.02)
 
     def _check_processes(self) -> None:
         for name, code in self.processes.ended().items():
@@ -227,7 +227,7 @@ class GraphLink:
             if time.monotonic() > deadline:
                 service = graph.absolute(service)
                 raise SessionError(f"{service} has not answered for {ANSWER_PERIOD:.0f} s")
-            self._serve(0.5)
+            self.serve(0.5)
         return future.result()
 
     def ask(self, service: str, request: Any) -> Future:

@@ -211,7 +211,7 @@ class Session(HeardGraph):
                 next_velocity = now + _CHUNK_TICKS * graph.TICK_PERIOD
                 self._publish_velocity()
             self._check_processes()
-            self._serve(0.01)
+            self.serve(0.01)
             if self.truth is not None:
                 self.time = stamps.to_ns(self.truth.header.stamp) / 1e9
         return until is None or until()
