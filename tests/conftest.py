@@ -1,5 +1,6 @@
 """Shared by tests of processes, whose helpers it makes importable under import mode importlib."""
 
+import contextlib
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,6 +14,7 @@ pytest.register_assert_rewrite("node_faults")
 
 _PLACES = {
     "tests/docker": 0,
+    "tests/bare": 0,
     "tests/graph/propulsion": 1,
     "tests/graph": 2,
     "tests/closed_loop": 5,
@@ -21,6 +23,9 @@ _PLACES = {
 }
 """Of files in a run, by how their path begins: graphs at one end, other long ones at the other,
 short ones between. `side_by_side` begins at both ends."""
+
+_IMAGE_PERIOD = 2100.0
+"""Wall time of a test across containers [s]: the first one waits for the image."""
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -48,6 +53,17 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         return "realtime" in item.path.name, place, shared.get(item.path, "")
 
     items.sort(key=rank)
+    for item in items:
+        if item.get_closest_marker("docker") or item.get_closest_marker("bare"):
+            item.add_marker(pytest.mark.timeout(_IMAGE_PERIOD))
+
+
+def pytest_sessionfinish() -> None:
+    """Sweep up behind processes that were killed; those of a graph have been (`Processes`)."""
+    with contextlib.suppress(ImportError):  # not in the environment of the workspace
+        from husky_bringup import shared_memory
+
+        shared_memory.sweep()
 
 
 @pytest.hookimpl(optionalhook=True)
@@ -56,6 +72,15 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     from side_by_side import SideBySide
 
     return SideBySide(config, log)
+
+
+@pytest.fixture(scope="session")
+def engine() -> Iterator[Any]:
+    """A Docker engine (`docker_engine.Engine`); skipped where there can be none."""
+    from docker_engine import engine
+
+    with engine() as found:
+        yield found
 
 
 @pytest.fixture(scope="module")

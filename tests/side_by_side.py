@@ -16,7 +16,8 @@ from typing import Any
 
 from xdist.scheduler.loadfile import LoadFileScheduling
 
-DOCKER = "tests/docker"
+DOCKER = "in containers"
+_DIRECTORIES = ("tests/docker/", "tests/bare/")
 REALTIME = "realtime"
 
 
@@ -31,7 +32,7 @@ class SideBySide(LoadFileScheduling):  # type: ignore[misc]
 
     def _split_scope(self, nodeid: str) -> str:
         file = nodeid.split("::", 1)[0]
-        if file.startswith(DOCKER):
+        if file.startswith(_DIRECTORIES):
             return DOCKER
         return REALTIME if REALTIME in file.rsplit("/", 1)[-1] else file
 

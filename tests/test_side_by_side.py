@@ -9,8 +9,8 @@ import pytest
 from inner_run import inner_run
 
 FILES = (
+    "bare/test_b",
     "docker/test_a",
-    "docker/test_b",
     "test_long",
     "test_realtime_a",
     "test_realtime_b",
@@ -57,8 +57,8 @@ def test_a_file_is_run_by_one_worker(runs):
 
 
 def test_containers_have_a_worker_of_their_own(runs):
-    (of_containers,) = workers(runs["docker/test_a"]) | workers(runs["docker/test_b"])
-    others = [tests for name, tests in runs.items() if not name.startswith("docker")]
+    (of_containers,) = workers(runs["docker/test_a"]) | workers(runs["bare/test_b"])
+    others = [tests for name, tests in runs.items() if "/" not in name]
     assert of_containers not in set().union(*map(workers, others))
 
 

@@ -1,9 +1,8 @@
-"""An engine, the robot's image, the graph across containers; skipped where there can be none."""
+"""The robot's image, the graph across containers."""
 
 from __future__ import annotations
 
 import os
-import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,49 +13,30 @@ pytest.importorskip("rclpy")
 
 sys.path.insert(0, str(Path(__file__).parent))  # which import mode importlib does not
 
-from containers import ROOT, Containers, Engine, run
+from containers import Containers
+from docker_engine import ROOT, Engine
 from seen_robot import SETTINGS, Robot
 
 from husky_bringup.system import simulated_robot
 from husky_experiments.session import Session
 from husky_runtime import graph
 
-HERE = Path(__file__).parent
 BODY = "robot_with_unit"
 DOMAIN = 101
 """Of no other test: the containers have a network of their own, but this process is in both."""
 _IMAGE = "husky:test"
 _PROJECT = "husky-test"
-_BUILD_PERIOD = 1500.0
-"""Wall time that an image may take on a busy machine [s]."""
 
 
 @pytest.fixture(scope="session")
-def engine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Engine]:
-    """An engine with the image of this tree, which are both left as they are found."""
-    # Images outlast a run, so that the next one finds its layers.
-    directory = Path(os.environ.get("HUSKY_DOCKER_DIRECTORY", "/var/tmp/husky-docker"))
-    up = subprocess.run(
-        [HERE / "engine.sh", "up", directory], capture_output=True, text=True, check=False
-    )
-    if up.returncode == 3:
-        pytest.skip(up.stderr.strip().splitlines()[-1])
-    assert up.returncode == 0, up.stderr
-    told = dict(line.split("=", 1) for line in up.stdout.splitlines())
-    environment = {"DOCKER_BUILDKIT": "1", "HUSKY_BASE": told["BASE"], "HUSKY_IMAGE": _IMAGE}
-    if told["DOCKER_HOST"]:
-        environment["DOCKER_HOST"] = told["DOCKER_HOST"]
-    try:
-        engine = Engine(environment, told["DOCKER"])
-        options = ["--file", "docker/Dockerfile", "--build-arg", f"BASE={told['BASE']}"]
-        engine.run("build", *options, "--tag", _IMAGE, ".", timeout=_BUILD_PERIOD)
-        yield engine
-    finally:
-        run([str(HERE / "engine.sh"), "down", str(directory)], {}, timeout=60.0)
+def image(engine: Engine) -> str:
+    """The name of the image of this tree."""
+    engine.build(_IMAGE)
+    return _IMAGE
 
 
 @pytest.fixture(scope="session")
-def containers(engine: Engine) -> Iterator[Containers]:
+def containers(engine: Engine, image: str) -> Iterator[Containers]:
     """The composition; no container runs yet."""
     settings = {name: dict(values) for name, values in SETTINGS.items()}
     settings[graph.PLANT] |= {"body": BODY, "start_paused": True}
@@ -64,6 +44,8 @@ def containers(engine: Engine) -> Iterator[Containers]:
         engine,
         _PROJECT,
         {
+            "HUSKY_BASE": engine.base,
+            "HUSKY_IMAGE": image,
             "ROS_DOMAIN_ID": str(DOMAIN),
             "HUSKY_TIME": "lockstep",
             "HUSKY_SETTINGS": " ".join(
@@ -131,12 +113,3 @@ def trotting(graph_in_containers: Robot) -> Robot:
         robot.stand()
     robot.trot()
     return robot
-
-
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The first test of the engine waits for the image: give all of them the time."""
-    for item in items:
-        if Path(item.path).parent == HERE:
-            item.add_marker(pytest.mark.timeout(_BUILD_PERIOD + 600.0))
-
-

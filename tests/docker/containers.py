@@ -9,63 +9,16 @@ import signal
 import subprocess
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from docker_engine import ROOT, Engine, run
 
 from husky_bringup.system import NodeSpec
 
-ROOT = Path(__file__).resolve().parents[2]
 COMPOSE_FILE = ROOT / "docker/compose.yaml"
 END_PERIOD = 3.0
 """Wall time in which `docker stop` must have ended a node [s]."""
-
-
-@dataclass(frozen=True)
-class Engine:
-    """A Docker engine, and the image of the robot on it.
-
-    Attributes:
-        environment: of clients.
-        client: the `docker` command that builds.
-    """
-
-    environment: dict[str, str]
-    client: str
-
-    def run(self, *command: str, timeout: float = 120.0, check: bool = True) -> str:
-        """Run a command of the client; return what it prints.
-
-        Raises:
-            RuntimeError: it failed; says what it printed.
-        """
-        return run([self.client, *command], self.environment, timeout, check)
-
-
-def run(
-    command: Sequence[str], environment: dict[str, str], timeout: float, check: bool = True
-) -> str:
-    """Run a command; return its output, errors included.
-
-    Raises:
-        RuntimeError: it failed.
-    """
-    result = subprocess.run(
-        command,
-        env={**os.environ, **environment},
-        cwd=ROOT,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        timeout=timeout,
-        check=False,
-    )
-    if check and result.returncode != 0:
-        told = f"code {result.returncode}\n{result.stdout[-6000:]}"
-        raise RuntimeError(f"{' '.join(command)}: {told}")
-    return result.stdout
 
 
 class Containers:

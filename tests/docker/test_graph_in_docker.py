@@ -28,8 +28,8 @@ def test_stands_up_and_trots_for_5_s_in_lockstep(robot, record_property):
     record_property("simulated_s", robot.session.time)
 
 
-def test_image_is_small_and_without_root(engine):
-    told = engine.run("image", "inspect", "--format", "{{.Size}} {{.Config.User}}", "husky:test")
+def test_image_is_small_and_without_root(engine, image):
+    told = engine.run("image", "inspect", "--format", "{{.Size}} {{.Config.User}}", image)
     size, user = told.split()
     assert int(size) < 1.0e9, f"{int(size) / 1e6:.0f} MB"
     assert user == "8000:8000"

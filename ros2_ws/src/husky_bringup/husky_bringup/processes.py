@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Protocol
 
+from husky_bringup import shared_memory
 from husky_bringup.neighbours import refuse_neighbours
 from husky_bringup.system import NodeSpec
 from husky_runtime import starter
@@ -185,6 +186,8 @@ class Processes:
         for name in codes:
             # The command may have left the node itself behind: `ros2 run` is its parent.
             _signal_group(self._running.pop(name), signal.SIGKILL)
+        if any(codes.values()):
+            shared_memory.sweep()
         self._claims.give_up(codes)
         return codes
 
@@ -196,8 +199,10 @@ class Processes:
         """Wait for the end of a node that has been killed; forget it and return its exit code."""
         process = self._running.pop(name)
         _signal_group(process, signal.SIGKILL)
+        code = process.wait()
+        shared_memory.sweep()
         self._claims.give_up([name])
-        return process.wait()
+        return code
 
     def running(self, name: str) -> bool:
         """Return whether a node has been started and has not ended."""
@@ -231,6 +236,7 @@ class Processes:
                 time.sleep(0.01)
             _signal_group(process, signal.SIGKILL)
             codes[each] = process.wait()
+        shared_memory.sweep()
         self._claims.give_up(codes if name is not None else None)
         return codes
 

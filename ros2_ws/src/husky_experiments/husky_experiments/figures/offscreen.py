@@ -20,7 +20,7 @@ Image = NDArray[np.uint8]
 _LIBRARIES = {"egl": (("EGL",), ("OpenGL", "GL")), "osmesa": (("OSMesa",),)}
 """MuJoCo's name of a backend, best first, and the libraries that it loads: one of each group."""
 _PACKAGES = "libegl1, libopengl0 and libgl1-mesa-dri, or libosmesa6"
-"""Of Debian and Ubuntu: EGL, or OSMesa. tests/docker/test_bare_machine.py tries them."""
+"""Of Debian and Ubuntu: EGL, or OSMesa. tests/bare/test_bare_machine.py tries them."""
 _OFF = ("disable", "disabled", "off", "false", "0")
 """MuJoCo's words for no OpenGL."""
 

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from containers import ROOT, Engine, run
+from docker_engine import ROOT, Engine, run
 
 pytestmark = [pytest.mark.graph, pytest.mark.bare]
 
@@ -64,9 +64,7 @@ class Machine:
 @pytest.fixture(scope="module")
 def machine(engine: Engine, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Machine]:
     """A machine with this tree, on which nobody can draw yet."""
-    base = f"BASE={engine.environment['HUSKY_BASE']}"
-    target = ("--file", "docker/Dockerfile", "--build-arg", base, "--target", "set_up")
-    engine.run("build", *target, "--tag", _IMAGE, ".", timeout=_PATIENCE)
+    engine.build(_IMAGE, "--target", "set_up")
     tree = tmp_path_factory.mktemp("tree") / "tree.tar"
     listed = "git ls-files -z --cached --others --exclude-standard"
     packed = f"{listed} | tar --create --null --files-from=- --ignore-failed-read --file={tree}"
