@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from seen_robot import QUICKLY, Robot
@@ -40,9 +42,20 @@ def test_plans_are_asked_for_on_the_way_and_followed(climber):
     climber.reported(graph.PLANNER, "ready")
 
 
+def locks_of_segments(process: int) -> list[Path]:
+    """Those that Fast DDS holds in a process as long as its shared memory is in use."""
+    files = [entry.readlink() for entry in Path(f"/proc/{process}/fd").iterdir()]
+    return [file for file in files if re.fullmatch(r"fastrtps_[0-9a-f]{16}_el", file.name)]
+
+
 def test_without_the_planner_it_climbs_on(climber):
+    """Nor does any shared memory of it stay behind."""
     session = climber.session
+    locks = locks_of_segments(session.processes.process_group(graph.PLANNER))
+    assert locks and all(lock.exists() for lock in locks)
     session.kill(graph.PLANNER)
+    left = [path for lock in locks for path in (lock, lock.with_name(lock.name[:-3]))]
+    assert not any(path.exists() for path in left), left
     plans = climber.told(graph.LOW_LEVEL_CONTROLLER, "plans")
     start = climber.height
     assert go(session, COURSE, 1.2, 0.2), climber.seen  # another speed asks for another plan

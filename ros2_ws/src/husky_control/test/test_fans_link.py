@@ -1,6 +1,7 @@
 """What a tick knows of the propulsion unit."""
 
 import math
+from types import SimpleNamespace
 
 import pytest
 from scipy.spatial.transform import Rotation
@@ -19,6 +20,11 @@ class FakeNode:
     """Keeps the callback of the one subscription."""
 
     executor = None
+    context = SimpleNamespace(get_domain_id=lambda: 1)
+
+    def get_namespace(self):
+        """It is in no namespace."""
+        return "/"
 
     def create_subscription(self, kind, topic, callback, profile):
         """Take a callback."""
@@ -28,7 +34,7 @@ class FakeNode:
         """Nothing is published here."""
 
     def resolve_topic_name(self, topic):
-        """It is in no namespace."""
+        """That of the graph."""
         return f"/{topic}"
 
 

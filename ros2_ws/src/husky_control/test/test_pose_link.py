@@ -1,6 +1,7 @@
 """Which pose of the camera a tick knows."""
 
 import math
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import given
@@ -21,13 +22,18 @@ class FakeNode:
     """Keeps the callback of the one subscription."""
 
     executor = None
+    context = SimpleNamespace(get_domain_id=lambda: 1)
+
+    def get_namespace(self):
+        """It is in no namespace."""
+        return "/"
 
     def create_subscription(self, kind, topic, callback, profile):
         """Take a callback."""
         self.say = callback
 
     def resolve_topic_name(self, topic):
-        """It is in no namespace."""
+        """That of the graph."""
         return f"/{topic}"
 
 

@@ -7,12 +7,13 @@ k only when the newest IMU sample due by k has arrived. Nobody waits for a time,
 does not depend on how fast anything ran.
 
 A peer that stays silent for the grace period (wall time) is declared lost: ticks go on without it,
-so that watchdogs act. Nobody is lost because the machine is slow: time in which its process works,
-or waits for a processor, is no silence, for ten grace periods at most. Every tick still asks one
-that is lost, and a world that stands still does now and then: it is expected again as soon as it
-answers. Determinism ends at a loss, and `losses` says so. At the start a peer gets a longer grace,
-because processes come up in any order; one whose first words cannot be repeated (the IMU's samples)
-is awaited only once it has been heard.
+so that watchdogs act. One whose process is known to have ended is lost at once. Nobody is lost
+because the machine is slow: time in which its process works, or waits for a processor, is no
+silence, for ten grace periods at most. Every tick still asks one that is lost, and a world that
+stands still does now and then: it is expected again as soon as it answers. Determinism ends at a
+loss, and `losses` says so. At the start a peer gets a longer grace, because processes come up in
+any order; one whose first words cannot be repeated (the IMU's samples) is awaited only once it has
+been heard.
 
 Messages are best effort. The plant says its last word again when it has waited for a moment, and
 the bridge hands that on. Whoever hears a word twice says its own last word again: the answer, if
@@ -27,6 +28,8 @@ from enum import Enum
 
 _BUSY_FACTOR = 10.0
 """One that is busy gets so many grace periods: it may hang."""
+_LOOK = 0.1
+"""So long nobody looks at its process: nearly all answers have come by then [s of wall time]."""
 
 
 class Presence(Enum):
@@ -55,7 +58,7 @@ class Peer:
         name: str,
         grace: float = 1.0,
         start_grace: float | None = 30.0,
-        busy: Callable[[], float] = lambda: 0.0,
+        busy: Callable[[], float | None] = lambda: 0.0,
     ):
         """Start as expected, or as absent.
 
@@ -64,7 +67,7 @@ class Peer:
             grace: wall time that it may take to answer [s].
             start_grace: the same for its first answer [s]; None for not waiting before that.
             busy: tells for how long its process has worked or waited for a processor so far [s]; 0
-                for one that is gone, or that cannot be seen from here.
+                for one that cannot be seen from here, None for one that has ended.
 
         Raises:
             ValueError: a grace period that is not above 0.
@@ -94,6 +97,8 @@ class Peer:
 
         It may be an earlier tick than the one that is awaited: the peer is alive, and catches up.
         """
+        if self.answered < 0:
+            self._busy()  # that there is such a process can be seen now
         self.answered = max(self.answered, stamp)
         self.presence = Presence.EXPECTED
         self._patience = self.grace
@@ -122,15 +127,20 @@ class Peer:
 
     def _is_silent(self, waited: float) -> bool:
         """Return whether it has been waited for long enough [s], by what its process did."""
-        if waited <= 0.5 * self._patience:
-            return False  # most answers come long before: it is not looked at
         if self._looked_at is None:
-            self._looked_at = waited, self._busy()
+            if waited <= min(_LOOK, 0.5 * self._patience):
+                return False
+            since, before = waited, self._busy()
+            if before is None:
+                return True
+            self._looked_at = since, before
         if waited <= self._patience:
             return False
         since, before = self._looked_at
-        idle = waited - since - max(0.0, self._busy() - before)
-        return since + idle > self._patience or waited > _BUSY_FACTOR * self._patience
+        now = self._busy()
+        if now is None or waited > _BUSY_FACTOR * self._patience:
+            return True
+        return since + (waited - since - max(0.0, now - before)) > self._patience
 
     def _wait_no_more(self) -> None:
         self._waiting_since = self._looked_at = None

@@ -77,9 +77,9 @@ def test_one_that_was_absent_can_be_asked():
     assert peer.presence is Presence.LOST, "who is lost comes back by an answer alone"
 
 
-@pytest.mark.parametrize("share, lost_after", [(0.0, 1.0), (0.4, 1.33), (0.9, 5.5), (1.0, 10.0)])
+@pytest.mark.parametrize("share, lost_after", [(0.0, 1.0), (0.4, 1.6), (0.9, 9.0), (1.0, 10.0)])
 def test_time_in_which_it_is_busy_is_no_silence(share, lost_after):
-    """It is looked at from half of the grace period on; ten of them are the end."""
+    """It is looked at from 0.1 s on; ten grace periods are the end."""
     now = 0.0
     peer = Peer("planner", grace=1.0, busy=lambda: 100.0 + share * now)
     peer.answer(0)
@@ -88,13 +88,20 @@ def test_time_in_which_it_is_busy_is_no_silence(share, lost_after):
     assert now == pytest.approx(lost_after, abs=0.04)
 
 
-def test_one_that_is_gone_has_been_busy_for_nothing():
-    """Its lock is free, so nobody knows a process any more."""
+def test_one_that_has_ended_before_it_is_awaited_is_lost_at_once():
+    peer = Peer("planner", grace=20.0, busy=lambda: None)
+    peer.answer(0)
+    assert not peer.expire(0.0) and not peer.expire(0.1)
+    assert peer.expire(0.11)
+
+
+def test_one_that_ends_while_it_is_awaited_is_lost_after_the_grace_period():
     busy = [100.0]
     peer = Peer("planner", grace=1.0, busy=lambda: busy[0])
     peer.answer(0)
     assert not peer.expire(0.0) and not peer.expire(0.6)
-    busy[0] = 0.0
+    busy[0] = None
+    assert not peer.expire(0.9)
     assert peer.expire(1.01)
 
 

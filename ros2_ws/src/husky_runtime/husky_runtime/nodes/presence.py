@@ -60,15 +60,21 @@ def default_serial_port(node: Node, device: str) -> str:
 def make_peer(node: Node, name: str, grace: float, start_grace: float | None = 30.0) -> Peer:
     """Return another node of a node's robot, as lockstep waits for it: `Peer` has the arguments.
 
-    How busy its process is, is seen on this machine, through the lock on its name.
+    How busy its process is, and that it has ended, is seen on this machine, through the lock on its
+    name: where nobody has held that yet, or where locks are not shared, nothing is known.
     """
+    seen = False
 
-    def busy() -> float:
+    def busy() -> float | None:
+        nonlocal seen
         domain, namespace = node.context.get_domain_id(), node.get_namespace()
         try:
             process = occupancy.holder(name, domain, os.environ, namespace)
         except OSError:  # a lock that is not for us to read
             return 0.0
-        return sum(processor_time(process)) if process else 0.0
+        if process is None:
+            return None if seen else 0.0
+        seen = True
+        return sum(processor_time(process))
 
     return Peer(name, grace, start_grace, busy)
