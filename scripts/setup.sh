@@ -199,7 +199,7 @@ make_environment() { # underlay, python, identity
     rm -f "$venv/stamp"
     if [ "$(cat "$venv/identity" 2> /dev/null)" != "$3" ]; then
         say "virtual environment .venv on $("$2" -c 'import sys; print("Python %d.%d.%d, %s" % (*sys.version_info[:3], sys.executable))')"
-        rm -rf "$workspace/build" "$workspace/install"
+        rm -rf "$workspace/build" "$workspace/install" "$root/.cache/numba"
         logged "$2" -m venv --clear "${options[@]}" "$venv"
         echo "$1" > "$venv/ros_underlay"
         [ -z "${HUSKY_ROS_PREFIX:-}" ] || echo "$HUSKY_ROS_PREFIX" > "$venv/ros_choice"
@@ -260,6 +260,19 @@ build_workspace() {
     cd "$root"
 }
 
+# numba compiles the control loop and the devices when they first run. They do so here: both robots stand up, each a graph in a
+# domain that nothing else of ours uses. Where that cannot be, whoever comes first waits for the compiler.
+compile_kernels() {
+    say "compiling the control loop ..."
+    local robot
+    for robot in carbon beta; do
+        printf '\n$ %s stands up\n' "$robot" >> "$log"
+        ROS_DOMAIN_ID=100 "$venv/bin/python" -m husky_experiments.scenario stand --start --robot "$robot" --time lockstep \
+            --set plant.body=robot_with_unit >> "$log" 2>&1 \
+            || say "$robot did not stand up ($log): the first run compiles what is left"
+    done
+}
+
 main() {
     case "$root" in
         *[[:space:]:\;\'\"]*) fail "ROS's build tools cannot work in a path with spaces, quotes or colons: move $root" ;;
@@ -273,7 +286,7 @@ main() {
     # Whatever ROS or virtual environment the caller's shell is in is none of ours.
     export PIP_USER=0 COLCON_HOME="$root/.cache/colcon"
     unset AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH PYTHONPATH PYTHONHOME LD_LIBRARY_PATH VIRTUAL_ENV \
-        _ROS_WHEELS_BOOTSTRAP_COMPLETE
+        _ROS_WHEELS_BOOTSTRAP_COMPLETE ROS_AUTOMATIC_DISCOVERY_RANGE FASTRTPS_DEFAULT_PROFILES_FILE ROS_STATIC_PEERS
     PATH="${PATH//$venv\/bin:/}"
 
     local underlay python identity wanted did=""
@@ -304,6 +317,12 @@ main() {
         . "$root/scripts/env.sh"
         logged "$venv/bin/python" -c "import rclpy, husky_msgs.msg${lacking:+, tf2_msgs.msg}"
         echo "$wanted" > "$workspace/install/stamp"
+        did=yes
+    fi
+    if [ "${#lists[@]}" = 4 ] && [ "$NUMBA_CACHE_DIR" = "$root/.cache/numba" ] \
+        && [ -z "$(find "$NUMBA_CACHE_DIR" -name '*.nbc' -print -quit)" ]; then
+        start_log "the compiled control loop"
+        compile_kernels
         did=yes
     fi
     if [ -n "$did" ]; then
