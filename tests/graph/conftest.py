@@ -14,11 +14,16 @@ pytest.importorskip("rclpy")
 from ros_domain import held_domain
 from seen_robot import SETTINGS, Robot
 
+from husky_bringup.system import simulated_robot
 from husky_experiments.session import Session
+from husky_runtime.nodes.diagnostics import PERIOD
 
 NewGraph = Callable[..., contextlib.AbstractContextManager["Robot"]]
 SHARED = {"graph_of_module", "fans_of_module", "vectoring_of_module"}
 """Fixtures whose graphs go on from module to module."""
+
+REPORTING = {PERIOD: 0.2}
+"""Of every node: tests wait for reports."""
 
 
 class Graphs:
@@ -62,7 +67,10 @@ class Graphs:
     ) -> Iterator[Robot]:
         """Start a graph, by other settings if need be; at its end each node ends as it should."""
         directory = self._new_directory("graph")
-        session = Session(directory, settings or SETTINGS, record=False, clock=clock, remote=remote)
+        settings = settings or SETTINGS
+        names = [spec.name for spec in simulated_robot(clock, settings, remote=remote)]
+        settings = {name: {**REPORTING, **settings.get(name, {})} for name in names}
+        session = Session(directory, settings, record=False, clock=clock, remote=remote)
         try:
             robot = Robot(session)
             yield robot

@@ -26,7 +26,7 @@ _START_PERIOD = 900.0
 machine that had much else to do took more than 180 s. A node that ends is told at once."""
 _PATIENCE = 180.0
 """Wall time that anything else may take that is awaited without a time of its own [s]."""
-_PROBE_PERIOD = 1.0
+_PROBE_PERIOD = 0.25
 """Wall time after which a first request is made again [s]."""
 ANSWER_PERIOD = 45.0
 """Wall time that a service may take to answer [s]."""

@@ -1,4 +1,4 @@
-"""A node's report on `/diagnostics`, once a second."""
+"""A node's report on `/diagnostics`, by default once a second."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
 from husky_runtime import graph, qos
+from husky_runtime.nodes.parameters import declare
 
 OK = DiagnosticStatus.OK
 WARN = DiagnosticStatus.WARN
@@ -16,12 +17,15 @@ ERROR = DiagnosticStatus.ERROR
 Report = tuple[bytes, str, Mapping[str, object]]
 """Level, message, values."""
 
+PERIOD = "diagnostic_updater.period"
+"""Parameter of the wall time between two reports [s]; ROS's own updater calls it so."""
+
 
 class Diagnostics:
     """Publishes what a node says of itself, and what its `MessageGuard` has refused."""
 
     def __init__(self, node: Node, hardware_id: str, report: Callable[[], Report]):
-        """Start to report at 1 Hz of wall time.
+        """Start to report, by wall time.
 
         Args:
             node: whose report it is.
@@ -33,7 +37,8 @@ class Diagnostics:
         self._report = report
         self._refused = self._failures = 0
         self._publisher = node.create_publisher(DiagnosticArray, graph.DIAGNOSTICS, qos.STATUS)
-        self._timer = node.create_timer(1.0, self.publish)
+        text = "wall time between two reports on /diagnostics [s]"
+        self._timer = node.create_timer(declare(node, PERIOD, 1.0, text, 0.05, 60.0), self.publish)
 
     def publish(self) -> None:
         """Send one report now."""
