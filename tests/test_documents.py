@@ -10,6 +10,7 @@ ROOT = Path(__file__).resolve().parents[1]
 SOURCES = ROOT / "ros2_ws/src"
 DOCUMENTS = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *SOURCES.glob("*/*.md")])
 LINK = re.compile(r"\[[^\]]*\]\((?!https?:)([^)#\s]*)(#[^)\s]*)?\)")
+WORKFLOWS = sorted((ROOT / ".github/workflows").glob("*.yml"))
 PACKAGES = sorted(path.parent.name for path in SOURCES.glob("*/setup.py"))
 
 
@@ -51,3 +52,14 @@ def test_examples_run(package, capsys):
     assert blocks
     for block in blocks:
         exec(compile(block, f"{package}/README.md", "exec"), {})
+
+
+@pytest.mark.parametrize("path", WORKFLOWS, ids=lambda path: path.name)
+def test_workflows_install_what_the_readme_names(path):
+    """Besides, git and certificates for the checkout."""
+    text = (ROOT / "README.md").read_text()
+    readme = re.search(r"On Debian 12 these need `(.+)`,.*\nvideo `(.+?)`,", text)
+    installed = re.search(r"apt-get install((?: \\\n|.)+)", path.read_text())
+    assert readme and installed
+    names = {word for word in installed[1].split() if word[0].isalpha()}
+    assert names - {"ca-certificates", "git"} == set(f"{readme[1]} {readme[2]}".split())

@@ -10,6 +10,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = sorted(str(path) for path in ROOT.glob("ros2_ws/src/husky_*/husky_*"))
 CHECKS = {
     "ruff": ("ruff", "check", "--output-format", "concise", "."),
+    "yamllint": ("yamllint", "--strict", ".github"),
     "mypy": (sys.executable, "-m", "mypy", *PACKAGES),
 }
 
