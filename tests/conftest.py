@@ -37,7 +37,7 @@ def pytest_configure(config: pytest.Config) -> None:
     config.pluginmanager.register(SecondTry())
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """The order of files when they are handed out to several workers, and when they are not.
 
     Those that share a graph (a fixture `..._of_module`) follow one another.
@@ -53,7 +53,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         return "realtime" in item.path.name, place, shared.get(item.path, "")
 
     items.sort(key=rank)
-    for item in items:
+    for item in items if config.pluginmanager.hasplugin("timeout") else ():
         if item.get_closest_marker("docker") or item.get_closest_marker("bare"):
             item.add_marker(pytest.mark.timeout(_IMAGE_PERIOD))
 
