@@ -11,9 +11,10 @@ set -euo pipefail
 
 lists=(build runtime figures test) # of scripts/requirements
 build=yes
+kernels=yes
 for argument in "$@"; do
     case "$argument" in
-        --nodes) lists=(build runtime) ;;
+        --nodes) lists=(build runtime) kernels=no ;;
         --no-build) build=no ;;
         -h | --help)
             sed -n '2,/^set /{/^# \{0,1\}/s///p}' "${BASH_SOURCE[0]}"
@@ -319,7 +320,7 @@ main() {
         echo "$wanted" > "$workspace/install/stamp"
         did=yes
     fi
-    if [ "${#lists[@]}" = 4 ] && [ "$NUMBA_CACHE_DIR" = "$root/.cache/numba" ] \
+    if [ "$kernels" = yes ] && [ "$NUMBA_CACHE_DIR" = "$root/.cache/numba" ] \
         && [ -z "$(find "$NUMBA_CACHE_DIR" -name '*.nbc' -print -quit)" ]; then
         start_log "the compiled control loop"
         compile_kernels

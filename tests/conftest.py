@@ -24,9 +24,6 @@ _PLACES = {
 """Of files in a run, by how their path begins: graphs at one end, other long ones at the other,
 short ones between. `side_by_side` begins at both ends."""
 
-_IMAGE_PERIOD = 2100.0
-"""Wall time of a test across containers [s]: the first one waits for the image."""
-
 
 def pytest_configure(config: pytest.Config) -> None:
     """What every run has: a second try for tests of processes, a word on what is left out."""
@@ -53,9 +50,12 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         return "realtime" in item.path.name, place, shared.get(item.path, "")
 
     items.sort(key=rank)
-    for item in items if config.pluginmanager.hasplugin("timeout") else ():
-        if item.get_closest_marker("docker") or item.get_closest_marker("bare"):
-            item.add_marker(pytest.mark.timeout(_IMAGE_PERIOD))
+    if config.pluginmanager.hasplugin("timeout"):
+        from docker_engine import BUILD_PERIOD
+
+        for item in items:  # the first one waits for the image
+            if item.get_closest_marker("docker") or item.get_closest_marker("bare"):
+                item.add_marker(pytest.mark.timeout(BUILD_PERIOD + 600.0))
 
 
 def pytest_sessionfinish() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -44,7 +45,10 @@ def test_plans_are_asked_for_on_the_way_and_followed(climber):
 
 def locks_of_segments(process: int) -> list[Path]:
     """Those that Fast DDS holds in a process as long as its shared memory is in use."""
-    files = [entry.readlink() for entry in Path(f"/proc/{process}/fd").iterdir()]
+    files = []
+    for entry in Path(f"/proc/{process}/fd").iterdir():
+        with contextlib.suppress(FileNotFoundError):  # closed meanwhile
+            files.append(entry.readlink())
     return [file for file in files if re.fullmatch(r"fastrtps_[0-9a-f]{16}_el", file.name)]
 
 

@@ -1,9 +1,9 @@
 """What a tick knows of the propulsion unit."""
 
 import math
-from types import SimpleNamespace
 
 import pytest
+from fake_node import FakeNode
 from scipy.spatial.transform import Rotation
 
 pytest.importorskip("rclpy")
@@ -14,28 +14,6 @@ from husky_msgs.msg import PropulsionState
 from husky_runtime.nodes import stamps
 
 MS = 1_000_000
-
-
-class FakeNode:
-    """Keeps the callback of the one subscription."""
-
-    executor = None
-    context = SimpleNamespace(get_domain_id=lambda: 1)
-
-    def get_namespace(self):
-        """It is in no namespace."""
-        return "/"
-
-    def create_subscription(self, kind, topic, callback, profile):
-        """Take a callback."""
-        self.say = callback
-
-    def create_publisher(self, kind, topic, profile):
-        """Nothing is published here."""
-
-    def resolve_topic_name(self, topic):
-        """That of the graph."""
-        return f"/{topic}"
 
 
 def state(milliseconds, **fields):

@@ -1,9 +1,9 @@
 """Which pose of the camera a tick knows."""
 
 import math
-from types import SimpleNamespace
 
 import pytest
+from fake_node import FakeNode
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -16,25 +16,6 @@ from husky_control.tick_data import Measurements
 from husky_runtime.nodes import stamps
 
 MS = 1_000_000
-
-
-class FakeNode:
-    """Keeps the callback of the one subscription."""
-
-    executor = None
-    context = SimpleNamespace(get_domain_id=lambda: 1)
-
-    def get_namespace(self):
-        """It is in no namespace."""
-        return "/"
-
-    def create_subscription(self, kind, topic, callback, profile):
-        """Take a callback."""
-        self.say = callback
-
-    def resolve_topic_name(self, topic):
-        """That of the graph."""
-        return f"/{topic}"
 
 
 def make(lockstep=True):
