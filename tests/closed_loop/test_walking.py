@@ -12,14 +12,40 @@ from husky_description.robot import load_robot
 from husky_runtime import graph
 from husky_sim.world import WorldOptions
 
+pytestmark = pytest.mark.in_a_copy  # each goes on from the same standing or walking robot
 SPEED = 0.5
 """Commanded in these tests [m/s]."""
 
 
-def standing(seed=0):
-    robot = InProcessRobot(WorldOptions(seed=seed))
+@pytest.fixture(scope="module")
+def standing():
+    robot = InProcessRobot()
     robot.stand()
     return robot
+
+
+@pytest.fixture(scope="module")
+def walking():
+    robot = InProcessRobot()
+    robot.stand()
+    return trotting(robot)
+
+
+def getting_up(seed=3, velocity=None):
+    """A robot that a velocity command may set in motion, when it stands up since this tick."""
+    robot = InProcessRobot(WorldOptions(seed=seed))
+    robot.controller.watch.wakes = True
+    robot.enable()
+    assert robot.controller.request_mode("stand_up")[0]
+    while robot.controller.mode.value == "stand_up":
+        robot.run(0.01, velocity)
+    assert robot.controller.mode.value == "stand", robot.controller.reason
+    return robot
+
+
+@pytest.fixture(scope="module")
+def waking():
+    return getting_up()
 
 
 def trotting(robot, duration=1.5):
@@ -65,8 +91,8 @@ def assert_walks(robot):
     assert robot.refusal == ""
 
 
-def test_stands_at_the_height_that_is_wanted():
-    robot = standing()
+def test_stands_at_the_height_that_is_wanted(standing):
+    robot = standing
     wanted = load_robot().stand_height + load_robot().foot_radius
     assert robot.world.base_position[2] == pytest.approx(wanted, abs=0.01)
     assert robot.controller.body.estimator.position[2] == pytest.approx(wanted, abs=0.01)
@@ -80,8 +106,8 @@ def test_stands_at_the_height_that_is_wanted():
     assert robot.controller.body.contacts.foot_force[:, 2].sum() == pytest.approx(weight, rel=0.1)
 
 
-def test_trots_at_its_speed_and_level():
-    robot = trotting(standing())
+def test_trots_at_its_speed_and_level(walking):
+    robot = walking
     speed, attitude = walk_on(robot, 3.0)
     assert_walks(robot)
     assert speed == pytest.approx(SPEED, rel=0.1)
@@ -93,8 +119,8 @@ def test_trots_at_its_speed_and_level():
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_a_lateral_push_is_survived(side):
-    robot = trotting(standing(), 1.0)
+def test_a_lateral_push_is_survived(walking, side):
+    robot = walking
     robot.world.push("", np.array([0.0, side * 60.0, 0.0]), np.zeros(3), 0.1)  # 6 N s
     _, attitude = walk_on(robot, 2.0)
     assert_walks(robot)
@@ -112,8 +138,8 @@ def test_a_lateral_push_is_survived(side):
         ("yaw_rate", (0.2, 0.0, 9.0)),
     ],
 )
-def test_a_bad_command_is_refused_whole_and_the_robot_walks_on(walking_robot, name, command):
-    robot = walking_robot
+def test_a_bad_command_is_refused_whole_and_the_robot_walks_on(walking, name, command):
+    robot = walking
     controller = robot.controller
     refused = controller.counters.refused_velocity_commands
     ramped = controller.walking.reference.ramped.copy()
@@ -128,13 +154,8 @@ def test_a_bad_command_is_refused_whole_and_the_robot_walks_on(walking_robot, na
     assert speed > 0.5 * SPEED
 
 
-@pytest.fixture(scope="module")
-def walking_robot():
-    return trotting(standing())
-
-
-def test_silence_ends_the_walk_on_four_feet():
-    robot = trotting(standing(), 1.0)
+def test_silence_ends_the_walk_on_four_feet(walking):
+    robot = walking
     controller = robot.controller
     timeout = controller.parameters["command.timeout"]
     robot.controller.set_velocity_command(SPEED, 0.0, 0.0)
@@ -151,27 +172,15 @@ def test_silence_ends_the_walk_on_four_feet():
 
 
 def test_one_seed_gives_one_trajectory_to_the_bit():
-    first, again, other = (trotting(standing(seed), 0.5) for seed in (7, 7, 8))
+    first, again, other = (trotting(getting_up(seed), 0.5) for seed in (7, 7, 8))
     assert first.world.data.qpos.tobytes() == again.world.data.qpos.tobytes()
     assert first.world.trajectory_sha256 == again.world.trajectory_sha256
     assert first.world.trajectory_sha256 != other.world.trajectory_sha256
 
 
-def getting_up(seed=3, velocity=None):
-    """A robot that a velocity command may set in motion, when it stands up since this tick."""
-    robot = InProcessRobot(WorldOptions(seed=seed))
-    robot.controller.watch.wakes = True
-    robot.enable()
-    assert robot.controller.request_mode("stand_up")[0]
-    while robot.controller.mode.value == "stand_up":
-        robot.run(0.01, velocity)
-    assert robot.controller.mode.value == "stand", robot.controller.reason
-    return robot
-
-
-def test_one_command_a_second_moves_a_robot_that_may_walk():
+def test_one_command_a_second_moves_a_robot_that_may_walk(waking):
     """It walks as long as a command counts, comes to a stand, and goes on with the next one."""
-    robot, modes = getting_up(), []
+    robot, modes = waking, []
     start = robot.world.base_position[0]
     for _ in range(4):
         assert robot.controller.set_velocity_command(0.3, 0.0, 0.0) == (True, "")
@@ -183,8 +192,8 @@ def test_one_command_a_second_moves_a_robot_that_may_walk():
     assert robot.world.base_position[0] - start > 0.4
 
 
-def test_who_was_told_to_stand_stands_until_the_stick_is_let_go():
-    robot = getting_up()
+def test_who_was_told_to_stand_stands_until_the_stick_is_let_go(waking):
+    robot = waking
     robot.run(1.0, (0.3, 0.0, 0.0))
     robot.controller.request_mode("stand")
     for _ in range(40):
@@ -203,8 +212,8 @@ def test_a_stick_held_while_the_robot_gets_up_does_not_set_it_off():
     assert not accepted and "let go" in message
 
 
-def test_a_command_wakes_nobody_who_may_not_walk():
-    robot = standing()
+def test_a_command_wakes_nobody_who_may_not_walk(standing):
+    robot = standing
     robot.run(0.6)
     accepted, message = robot.controller.set_velocity_command(0.3, 0.0, 0.0)
     assert not accepted and "walk_on_command" in message
@@ -214,9 +223,9 @@ def test_a_command_wakes_nobody_who_may_not_walk():
 @pytest.mark.parametrize(
     "field", ["joint_position", "joint_torque", "angular_velocity_base_in_base"]
 )
-def test_a_measurement_that_is_not_finite_lets_the_robot_sink(field):
+def test_a_measurement_that_is_not_finite_lets_the_robot_sink(standing, field):
     """One trip; each bad measurement is counted, and none of it gets into a command."""
-    robot = standing()
+    robot = standing
     good = robot.measurements
     bad = copy.deepcopy(good)
     getattr(bad, field)[1] = math.nan
