@@ -37,6 +37,10 @@ JOINT_NAMES = tuple(f"{leg}_{joint}" for leg in LEG_NAMES for joint in LEG_JOINT
 _FORE = np.array([1.0, 1.0, -1.0, -1.0])
 _SIDE = np.array([1.0, -1.0, 1.0, -1.0])
 
+# By libyaml, where PyYAML has it: every node reads a robot, and so takes a twentieth off its start.
+_Loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+_Dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
+
 
 @dataclass(frozen=True, eq=False)
 class RobotSections:
@@ -218,7 +222,7 @@ def _robot_of_name(name: str) -> Robot:
 
 def _read(path: Path) -> dict[str, Any]:
     with path.open(encoding="utf-8") as stream:
-        tree = yaml.safe_load(stream)
+        tree = yaml.load(stream, _Loader)
     if not isinstance(tree, dict):
         raise ValueError(f"{path}: not a mapping of sections")
     return tree
@@ -279,7 +283,7 @@ def make_robot(tree: Mapping[str, Any]) -> Robot:
         joint_names=JOINT_NAMES,
         gains={name: gain[0] for name, gain in gains.items()},
         gain_ranges={name: (gain[1], gain[2]) for name, gain in gains.items() if gain[1:]},
-        parameters=yaml.safe_dump(dict(tree), sort_keys=False),
+        parameters=yaml.dump(dict(tree), Dumper=_Dumper, sort_keys=False),
         hip_position=frozen(np.column_stack((_FORE * leg.hip_x, _SIDE * leg.hip_y, np.zeros(4)))),
         side=frozen(_SIDE),
         lateral_offset=frozen(_SIDE * leg.lateral_offset),

@@ -25,10 +25,9 @@ def triangulate(shapes: Iterable[Shape]) -> Patch:
     patches: list[Patch] = []
     for shape in shapes:
         rotation = rotation_of(shape.rpy)
-        for vertices, faces in _patches(shape):
-            placed = vertices @ rotation.T + shape.position
-            patches.append((placed, _with_area(placed, faces)))
-    return join(patches)
+        patches += [(v @ rotation.T + shape.position, faces) for v, faces in _patches(shape)]
+    vertices, faces = join(patches)
+    return vertices, _with_area(vertices, faces)
 
 
 def join(patches: Iterable[Patch]) -> Patch:

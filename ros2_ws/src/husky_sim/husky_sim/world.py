@@ -77,7 +77,6 @@ class World:
     Attributes:
         model: compiled MuJoCo model.
         data: its state.
-        scene_xml: the world as MuJoCo XML, to look at or to render recordings with.
         time_ns: simulated time [ns].
         servos: the drives' power stages, or the servos of a bus, evaluated between physics steps.
         fans: the propulsion unit, or None.
@@ -91,7 +90,7 @@ class World:
         self.options = options
         spec = build_scene(robot, options)
         self.model = spec.compile()
-        self.scene_xml = spec.to_xml()
+        self._spec = spec
         self.data = mujoco.MjData(self.model)
         self.servos = _make_servos(robot, options)
         self._substeps = round(TICK_PERIOD_NS / 1e9 / options.timestep)
@@ -118,6 +117,11 @@ class World:
             if self.has_legs
         }
         self.reset(options.keyframe)
+
+    @property
+    def scene_xml(self) -> str:
+        """The world as MuJoCo XML, to look at or to render recordings with; takes 0.1 s."""
+        return str(self._spec.to_xml())
 
     def _sensor(self, name: str) -> Array:
         sensor = self.model.sensor(name)
