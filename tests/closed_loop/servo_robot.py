@@ -108,10 +108,13 @@ class ServoRobot:
         kp, kd = self._gains
         servo, speed = self.robot.bus_servo, self.data.qvel[6:]
         torque = kp * (position - self.data.qpos[7:]) + kd * (velocity - speed) + effort
-        most, slope = servo.stall_torque, servo.stall_torque / servo.no_load_speed
-        torque = np.clip(torque, -most - slope * speed, most - slope * speed)
-        self.data.ctrl[:] = np.clip(torque, -servo.torque_limit, servo.torque_limit)
-        np.maximum(self.peak_torque, np.abs(self.data.ctrl), out=self.peak_torque)
+        # np.clip takes four times as long.
+        most, limit = servo.stall_torque, servo.torque_limit
+        generated = most / servo.no_load_speed * speed
+        np.maximum(torque, np.maximum(-most - generated, -limit), out=torque)
+        np.minimum(torque, np.minimum(most - generated, limit), out=torque)
+        self.data.ctrl[:] = torque
+        np.maximum(self.peak_torque, np.abs(torque), out=self.peak_torque)
 
     def run(self, duration: float, velocity: tuple[float, float, float] | None = None) -> None:
         """Advance by a duration [s], with a velocity command (m/s, m/s, rad/s) every 0.2 s."""

@@ -20,6 +20,7 @@ LEVER = np.array(ROBOT.t265.position)
 G = 9.80665
 DT = 0.002
 MOUNT = Rotation.from_euler("xyz", ROBOT.t265.rpy)
+TO_CAMERA = MOUNT.as_matrix().T
 ANGLE = st.floats(-3.0, 3.0)
 PLACE = st.tuples(*[st.floats(-5.0, 5.0)] * 3)
 
@@ -27,13 +28,11 @@ PLACE = st.tuples(*[st.floats(-5.0, 5.0)] * 3)
 def seen(base, position, velocity=(0.0, 0.0, 0.0), rate=(0.0, 0.0, 0.0), stamp=0.0, variance=0.01):
     """What the camera says of a base: Rotation, place [m], velocity in world, rate in base."""
     pose = T265Pose(stamp=stamp, variance=variance)
-    link = base * MOUNT
-    arm = base.apply(LEVER)
-    pose.position[:] = np.asarray(position) + arm
-    pose.orientation[:] = link.as_quat()
-    motion = np.asarray(velocity) + np.cross(base.apply(rate), arm)
-    pose.velocity[:] = link.inv().apply(motion)
-    pose.angular_velocity[:] = MOUNT.inv().apply(rate)
+    rotation = base.as_matrix()
+    pose.position[:] = position + rotation @ LEVER
+    pose.orientation[:] = (base * MOUNT).as_quat()
+    pose.velocity[:] = TO_CAMERA @ (velocity @ rotation + np.cross(rate, LEVER))
+    pose.angular_velocity[:] = TO_CAMERA @ rate
     return pose
 
 
@@ -48,6 +47,7 @@ class Body:
         self.camera = np.zeros(3)  # error of the camera's position
         self.camera_yaw = 0.0
         self.base = Rotation.from_euler("ZYX", (yaw, 0.0, 0.0))
+        self.rotation = self.base.as_matrix()
         self.trim = Rotation.from_euler("xyz", (*trim, 0.0))
         self.thrust = self.time = 0.0
         self.blind = False
@@ -57,38 +57,40 @@ class Body:
         self.impact = 0.0
 
     def look(self):
-        turn = Rotation.from_euler("z", self.camera_yaw)
+        base, place, velocity = self.base, self.position, self.velocity
+        if self.camera_yaw:
+            turn = Rotation.from_euler("z", self.camera_yaw)
+            base, place, velocity = turn * base, turn.apply(place), turn.apply(velocity)
         return seen(
-            turn * self.base,
-            turn.apply(self.position) + self.camera,
-            turn.apply(self.velocity),
-            stamp=self.time,
-            variance=self.variance,
+            base, place + self.camera, velocity, stamp=self.time, variance=self.variance
         )
 
+    @property
+    def yaw(self):
+        return math.atan2(self.rotation[1, 0], self.rotation[0, 0])
+
     def begin(self):
-        yaw = self.base.as_euler("ZYX")[0]
-        self.hover.begin(self.poses[0], yaw, yaw, 0.0)
+        self.hover.begin(self.poses[0], self.yaw, self.yaw, 0.0)
         return self
 
     def step(self):
         hover = self.hover
-        yaw = self.base.as_euler("ZYX")[0]
         down = 4 if self.position[2] <= 0.0 and self.thrust < 0.8 * self.mass * G else 0
         force = self.specific_force
-        hover.tick(self.time, self.poses[0], self.base.as_matrix(), force, down, yaw, DT)
+        hover.tick(self.time, self.poses[0], self.rotation, force, down, self.yaw, DT)
         wanted = self.trim * Rotation.from_quat(hover.attitude)
         turn = (wanted * self.base.inv()).as_rotvec()
         self.base = Rotation.from_rotvec(turn * DT / 0.25) * self.base
+        self.rotation = self.base.as_matrix()
         self.thrust += (min(hover.force, self.most) - self.thrust) * DT / 0.12
-        lift = self.base.apply((0.0, 0.0, self.thrust)) / self.mass
+        lift = self.rotation[:, 2] * self.thrust / self.mass
         before = self.velocity.copy()
         self.velocity = self.velocity + (lift - (0.0, 0.0, G)) * DT
         if self.position[2] <= 0.0 and self.velocity[2] < 0.0:
             self.impact = max(self.impact, -self.velocity[2])
             self.velocity = np.zeros(3)
         self.position = self.position + self.velocity * DT
-        self.specific_force = self.base.inv().apply((self.velocity - before) / DT + (0.0, 0.0, G))
+        self.specific_force = ((self.velocity - before) / DT + (0.0, 0.0, G)) @ self.rotation
         self.time += DT
         if not self.blind:
             self.poses = [*self.poses[1:], self.look()]  # 10 ms old when it is used

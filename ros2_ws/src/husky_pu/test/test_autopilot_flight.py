@@ -184,6 +184,13 @@ class Rig:
         return (w, x, y, z)
 
 
+@pytest.fixture(scope="module")
+def hovering():
+    """A rig that hovers, and its heading."""
+    rig = Rig()
+    return rig, rig.hover()
+
+
 def turned(wxyz, roll=0.0, pitch=0.0):
     """(w, x, y, z) turned in the body by angles [deg]."""
     w, x, y, z = wxyz
@@ -222,9 +229,9 @@ def test_step_response(axis, factor):
     assert abs(log[-500:, 2 - axis]).max() < 2.0
 
 
-def test_yaw_follows_slowly_but_surely():
-    rig = Rig()
-    rig.hover()
+@pytest.mark.in_a_copy
+def test_yaw_follows_slowly_but_surely(hovering):
+    rig, _ = hovering
     w, x, y, z = mavlink_attitude((Rotation.from_euler("z", -30, degrees=True)).as_quat())
     rig.setpoint = lambda: rig.attitude_message((w, x, y, z), HOVER)
     log = rig.run(5.0)
@@ -232,9 +239,9 @@ def test_yaw_follows_slowly_but_surely():
     assert abs(log[:, 1:3]).max() < 3.0
 
 
-def test_body_rates_are_followed():
-    rig = Rig()
-    rig.hover()
+@pytest.mark.in_a_copy
+def test_body_rates_are_followed(hovering):
+    rig, _ = hovering
     rig.setpoint = lambda: rig.attitude_message(LEVEL, HOVER, mask=128, rates=(0.2, 0.0, 0.0))
     log = rig.run(1.5)
     slope = (log[-1, 1] - log[250, 1]) / (log[-1, 0] - log[250, 0])
@@ -303,9 +310,9 @@ def falls_to_zero(log, lost_at, limit=2.0):
     assert late[:, 5].max() < 0.02 * MASS * GRAVITY  # what still turns
 
 
-def test_offboard_loss():
-    rig = Rig()
-    rig.hover()
+@pytest.mark.in_a_copy
+def test_offboard_loss(hovering):
+    rig, _ = hovering
     rig.setpoint = None
     log = rig.run(3.0)
     held = log[log[:, 0] < log[0, 0] + 0.95]
@@ -317,10 +324,10 @@ def test_offboard_loss():
     assert abs(log[:700, 1:3]).max() < 5.0  # level while there is thrust
 
 
-def test_offboard_comes_back_during_the_descent():
+@pytest.mark.in_a_copy
+def test_offboard_comes_back_during_the_descent(hovering):
     """It does not take over by itself, but does when it asks for the mode."""
-    rig = Rig()
-    heading = rig.hover()
+    rig, heading = hovering
     rig.setpoint = None
     rig.run(1.04)
     assert rig.logic.failsafe is not None
@@ -388,9 +395,9 @@ def test_kill_switch():
     assert not rig.logic.armed  # the switch has to be turned off and on again
 
 
-def test_sensor_loss():
-    rig = Rig()
-    rig.hover()
+@pytest.mark.in_a_copy
+def test_sensor_loss(hovering):
+    rig, _ = hovering
     bad = (math.nan, 0.0, 0.0)
     rig.sample_hook = lambda sample: sample._replace(angular_velocity=bad)
     log = rig.run(3.0)
@@ -398,9 +405,9 @@ def test_sensor_loss():
     assert not rig.logic.armed
 
 
-def test_a_few_bad_samples_do_no_harm():
-    rig = Rig()
-    rig.hover()
+@pytest.mark.in_a_copy
+def test_a_few_bad_samples_do_no_harm(hovering):
+    rig, _ = hovering
     bad = (0.0, math.inf, 0.0)
     rig.sample_hook = lambda s: s._replace(specific_force=bad) if s.time_ns % 40_000_000 == 0 else s
     log = rig.run(3.0)
@@ -408,9 +415,9 @@ def test_a_few_bad_samples_do_no_harm():
     assert np.abs(log[:, 1:3]).max() < 3.0
 
 
-def test_critical_battery():
-    rig = Rig()
-    rig.hover()
+@pytest.mark.in_a_copy
+def test_critical_battery(hovering):
+    rig, _ = hovering
     rig.unit.set_charge(0.005)
     log = rig.run(6.0)
     lost = next(row[0] for row in log if row[4] < HOVER - 1e-6)
@@ -419,9 +426,9 @@ def test_critical_battery():
     assert any("battery critical" in text for text in rig.texts())
 
 
-def test_termination_and_disarming():
-    rig = Rig()
-    rig.hover()
+@pytest.mark.in_a_copy
+def test_termination_and_disarming(hovering):
+    rig, _ = hovering
     rig.command(185, 1)
     log = rig.run(2.5)
     assert log[1, 6] == 1000
@@ -434,18 +441,18 @@ def test_termination_and_disarming():
     assert not rig.logic.terminated
 
 
-def test_disarming_at_thrust_goes_through_the_ramp():
-    rig = Rig()
-    rig.hover()
+@pytest.mark.in_a_copy
+def test_disarming_at_thrust_goes_through_the_ramp(hovering):
+    rig, _ = hovering
     rig.command(400, 0)
     log = rig.run(3.0)
     falls_to_zero(log, log[0, 0])
     assert not rig.logic.armed
 
 
-def test_force_disarms_at_once():
-    rig = Rig()
-    rig.hover()
+@pytest.mark.in_a_copy
+def test_force_disarms_at_once(hovering):
+    rig, _ = hovering
     rig.command(400, 0, 21196)
     log = rig.run(0.01)
     assert log[0, 6] == 1000
@@ -483,9 +490,9 @@ def test_same_seed_same_flight():
     assert not np.array_equal(logs[0], logs[2])
 
 
-def test_restart_forgets_the_flight():
-    rig = Rig()
-    rig.hover()
+@pytest.mark.in_a_copy
+def test_restart_forgets_the_flight(hovering):
+    rig, _ = hovering
     rig.autopilot.restart()
     rig.time_ns = 0
     rig.setpoint = None
