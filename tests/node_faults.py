@@ -76,7 +76,8 @@ def test_controller_stalled_beyond_grace(trotting, record_property):
     s = trotting.session
     stalled = trotting.watch()
     s.processes.kill(graph.LOW_LEVEL_CONTROLLER, signal.SIGSTOP)
-    s.advance(0.5)
+    with s.unheard(graph.LOW_LEVEL_CONTROLLER):
+        s.advance(0.5)
     record_property("reaction_s", trotting.torque_ends(stalled))
     trotting.reported(graph.DRIVE_BRIDGE, "low_level_controller is lost")
     s.processes.kill(graph.LOW_LEVEL_CONTROLLER, signal.SIGCONT)
