@@ -206,7 +206,8 @@ class Robot:
         """
 
         def reported() -> bool:
-            self.session.advance(0.02)
+            with self.session.unheard(graph.LOW_LEVEL_CONTROLLER):
+                self.session.advance(0.02)
             return self.mode == mode
 
         self.session.wait_for(reported, f"the mode {mode}")

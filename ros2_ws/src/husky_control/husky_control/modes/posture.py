@@ -108,13 +108,13 @@ class Spline:
         """Go through rows (k, n); k is 2, or 4 and more."""
         steps = len(rows) - 1
         # Second derivatives (k, n) in steps: at each inner row the slopes of both sides agree.
-        system, bends = np.eye(len(rows)), np.zeros_like(rows)
+        system, turns = np.eye(len(rows)), np.zeros(rows.shape)
         if steps > 1:
             for i in range(1, steps):
                 system[i, i - 1 : i + 2] = 1.0, 4.0, 1.0
             system[0, :3] = system[-1, -3:] = 1.0, -2.0, 1.0
-            bends[1:-1] = 6.0 * np.diff(rows, 2, axis=0)
-        bends = np.linalg.solve(system, bends)
+            turns[1:-1] = 6.0 * np.diff(rows, 2, axis=0)
+        bends = np.linalg.solve(system, turns)
         rise = np.diff(rows, axis=0) - (2.0 * bends[:-1] + bends[1:]) / 6.0
         self._steps = steps
         powers = rows[:-1], rise, bends[:-1] / 2.0, np.diff(bends, axis=0) / 6.0
