@@ -2,7 +2,7 @@
 
 An end is set while the robot is at its task, or before it begins, in turns; HUSKY_SWEEP=4 takes
 each both ways, and four times as long; HUSKY_SWEEP_SEED=3 is another robot.
-Of five ends four are slow.
+Of nine ends eight are slow.
 """
 
 import math

@@ -185,7 +185,9 @@ class Course:
         return (2 * s, -2 * c, 0.2 * t), turn, (c, s, 0.2), (0.0, 0.0, 0.5)
 
 
-@pytest.mark.parametrize("kind", ["straight", "to and fro", "circles"])
+@pytest.mark.parametrize(
+    "kind", [pytest.param("straight", marks=pytest.mark.slow), "to and fro", "circles"]
+)
 def test_drift_stays_below_one_percent_of_the_distance(kind):
     """At each instant and for each seed; and it is there."""
     at_origin = {"position": frozen([0.0] * 3), "drift_length": 5.0}
