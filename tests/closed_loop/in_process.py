@@ -117,6 +117,10 @@ class InProcessRobot:
         accepted, message = self.controller.request_mode("stand_up")
         if not accepted:
             raise RuntimeError(f"the robot does not stand up: {message}")
-        self.run(5.0)
+        for _ in range(100):
+            if self.controller.mode.value == "stand":
+                break
+            self.run(0.05)
+        self.run(0.5)
         if self.controller.mode.value != "stand":
             raise RuntimeError(f"the robot does not stand: {self.controller.reason}")
