@@ -7,6 +7,7 @@ tick k - 1.
 from __future__ import annotations
 
 import time
+from typing import Any
 
 import numpy as np
 
@@ -22,6 +23,25 @@ from husky_runtime import graph
 from husky_sim.devices.drives.segment import SimulatedSegment
 from husky_sim.devices.vn200.noise import ImuNoise
 from husky_sim.world import World, WorldOptions
+
+
+def stand_up(robot: Any) -> None:
+    """Let a robot in one process, whose joints are enabled, stand up, and stand for half a second.
+
+    Raises:
+        RuntimeError: it does not within 5 s.
+    """
+    controller = robot.controller
+    accepted, message = controller.request_mode("stand_up")
+    if not accepted:
+        raise RuntimeError(f"the robot does not stand up: {message}")
+    for _ in range(100):
+        if controller.mode.value == "stand":
+            break
+        robot.run(0.05)
+    robot.run(0.5)
+    if controller.mode.value != "stand":
+        raise RuntimeError(f"the robot does not stand: {controller.reason}")
 
 
 class InProcessRobot:
@@ -114,13 +134,4 @@ class InProcessRobot:
             RuntimeError: it does not stand.
         """
         self.enable()
-        accepted, message = self.controller.request_mode("stand_up")
-        if not accepted:
-            raise RuntimeError(f"the robot does not stand up: {message}")
-        for _ in range(100):
-            if self.controller.mode.value == "stand":
-                break
-            self.run(0.05)
-        self.run(0.5)
-        if self.controller.mode.value != "stand":
-            raise RuntimeError(f"the robot does not stand: {self.controller.reason}")
+        stand_up(self)

@@ -6,6 +6,7 @@ import math
 
 import mujoco
 import numpy as np
+from in_process import stand_up
 
 from husky_control.controller import Controller
 from husky_control.estimation.imu_mount import ImuMount
@@ -130,13 +131,4 @@ class ServoRobot:
             RuntimeError: it does not.
         """
         self.run(0.3)
-        accepted, message = self.controller.request_mode("stand_up")
-        if not accepted:
-            raise RuntimeError(f"the robot does not stand up: {message}")
-        for _ in range(100):
-            if self.controller.mode.value == "stand":
-                break
-            self.run(0.05)
-        self.run(0.5)
-        if self.controller.mode.value != "stand":
-            raise RuntimeError(f"the robot does not stand: {self.controller.reason}")
+        stand_up(self)

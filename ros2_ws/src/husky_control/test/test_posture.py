@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.interpolate import CubicSpline
 
 from husky_control.kinematics import Kinematics
-from husky_control.modes.posture import KNOTS, TUCKED, PostureMove, Postures, Spline
+from husky_control.modes.posture import TUCKED, PostureMove, Postures
 from husky_description.robot import load_robot
 
 DT = 0.002
@@ -20,17 +19,6 @@ FEET = Kinematics(ROBOT).foot_positions
 def ways_through(*postures):
     """Straight ways in joint space from one posture to the next."""
     return [np.stack(pair) for pair in pairwise(postures)]
-
-
-@pytest.mark.parametrize("rows", [2, 4, KNOTS])
-def test_a_spline_is_that_of_scipy(rows):
-    points = np.random.default_rng(rows).normal(size=(rows, 12))
-    spline = Spline(points)
-    wanted = CubicSpline(np.linspace(0.0, 1.0, rows), points)
-    for part in np.linspace(0.0, 1.0, 57):
-        place, slope = spline(part)
-        np.testing.assert_allclose(place, wanted(part), atol=1e-12)
-        np.testing.assert_allclose(slope, wanted(part, 1), atol=1e-11)
 
 
 def run(postures, durations):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from husky_control.kinematics import JOINTS, Kinematics
 from husky_description.arrays import Array
@@ -96,37 +97,6 @@ class Postures:
         return way + np.outer(1.0 - part, start - way[0]) + np.outer(part, end - way[-1])
 
 
-class Spline:
-    """A cubic through rows in even steps from 0 to 1, smooth in its second derivative.
-
-    Where it has no neighbour, at either end, one cubic goes over two steps ("not a knot"). Two rows
-    give a straight line. It is what scipy.interpolate.CubicSpline gives, whose import takes the
-    controller a quarter of its start.
-    """
-
-    def __init__(self, rows: Array):
-        """Go through rows (k, n); k is 2, or 4 and more."""
-        steps = len(rows) - 1
-        # Second derivatives (k, n) in steps: at each inner row the slopes of both sides agree.
-        system, turns = np.eye(len(rows)), np.zeros(rows.shape)
-        if steps > 1:
-            for i in range(1, steps):
-                system[i, i - 1 : i + 2] = 1.0, 4.0, 1.0
-            system[0, :3] = system[-1, -3:] = 1.0, -2.0, 1.0
-            turns[1:-1] = 6.0 * np.diff(rows, 2, axis=0)
-        bends = np.linalg.solve(system, turns)
-        rise = np.diff(rows, axis=0) - (2.0 * bends[:-1] + bends[1:]) / 6.0
-        self._steps = steps
-        powers = rows[:-1], rise, bends[:-1] / 2.0, np.diff(bends, axis=0) / 6.0
-        self._powers = np.stack(powers, axis=1)  # of the way gone on each step (steps, 4, n)
-
-    def __call__(self, part: float) -> tuple[Array, Array]:
-        """Return the row (n,) at 0 to 1, and its derivative (n,)."""
-        i = min(int(part * self._steps), self._steps - 1)
-        x, (a, b, c, d) = part * self._steps - i, self._powers[i]
-        return a + x * (b + x * (c + x * d)), (b + x * (2.0 * c + 3.0 * x * d)) * self._steps
-
-
 class PostureMove:
     """Minimum-jerk motion along ways through postures, at rest after each."""
 
@@ -134,7 +104,7 @@ class PostureMove:
         """No motion, at zero."""
         self.joint_position = np.zeros(JOINTS)
         self.joint_velocity = np.zeros(JOINTS)
-        self._ways: list[tuple[Spline, float]] = []
+        self._ways: list[tuple[CubicSpline, float]] = []
         self._taken = 0
         self._elapsed = 0.0
 
@@ -143,13 +113,15 @@ class PostureMove:
 
         Args:
             ways: n times (k, 12) rad, postures in even steps; k is 2 for a straight line between
-                two, else 4 and more. Each starts where the one before ends. None is a motion that
-                has ended.
+                two. Each starts where the one before ends. None is a motion that has ended.
             durations: n times in s.
         """
         if len(ways) != len(durations):
             raise ValueError(f"{len(ways)} ways need as many durations, not {len(durations)}")
-        self._ways = [(Spline(way), time) for way, time in zip(ways, durations, strict=True)]
+        self._ways = [
+            (CubicSpline(np.linspace(0.0, 1.0, len(way)), way), duration)
+            for way, duration in zip(ways, durations, strict=True)
+        ]
         self._taken = 0
         self._elapsed = 0.0
         if ways:
@@ -186,8 +158,8 @@ class PostureMove:
         s = min(1.0, self._elapsed / duration)
         blend = s * s * s * (10.0 + s * (6.0 * s - 15.0))
         slope = 30.0 * s * s * (1.0 - s) * (1.0 - s) / duration
-        self.joint_position[:], direction = way(blend)
-        np.multiply(direction, slope, out=self.joint_velocity)
+        self.joint_position[:] = way(blend)
+        np.multiply(way(blend, 1), slope, out=self.joint_velocity)
         if s >= 1.0:
             self._taken += 1
             self._elapsed = 0.0
