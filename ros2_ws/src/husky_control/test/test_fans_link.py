@@ -32,6 +32,7 @@ def known(milliseconds, *states, lockstep=True):
     link = FansLink(node, 1.0, lockstep=lockstep)
     for each in states:
         node.say(each)
+    link.await_tick(milliseconds * MS)
     link.take(milliseconds * MS, measurements)
     return measurements
 

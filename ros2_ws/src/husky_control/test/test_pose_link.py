@@ -36,6 +36,7 @@ def make(lockstep=True):
 def taken(link, milliseconds):
     """The pose that a tick takes."""
     measurements = Measurements()
+    link.await_tick(milliseconds * MS)
     link.take(milliseconds * MS, measurements)
     return measurements.pose
 

@@ -34,10 +34,41 @@ def test_a_tick_knows_the_newest_message_that_was_due():
     assert stream.known(4) is None and not stream.refused
 
 
-def test_a_message_that_is_too_far_ahead_is_refused():
+def test_a_message_that_is_too_far_ahead_is_refused_when_the_stream_goes_on():
     stream = Stream()
     stream.send(10, 111, now=10)
-    assert stream.known(1000) == 10 and len(stream.refused) == 1
+    assert stream.known(1000) == 10
+    stream.send(11, now=10)
+    assert stream.buffer.reach(111 * MS) == -1
+    assert stream.known(1000) == 11 and len(stream.refused) == 1
+
+
+def test_a_tick_that_jumps_to_messages_ahead_knows_them():
+    """Joint states have ended for a while, the stream has not."""
+    stream = Stream()
+    stream.send(10, 11, 300, 301, 302, 420, now=10)
+    assert stream.known(1000) == 11
+    assert stream.buffer.reach(302 * MS) == 302 * MS
+    assert [stream.known(due) for due in (300, 301, 1000)] == [300, 301, 302]
+    assert not stream.refused, "one is still ahead"
+    stream.send(303, now=303)
+    assert stream.known(1000) == 303 and len(stream.refused) == 1
+
+
+def test_of_messages_ahead_the_newest_wait():
+    stream = Stream()
+    stream.send(*range(200, 240), now=10)
+    assert len(stream.refused) == 40 - 16
+    assert stream.refused[0] == "its stamp is 0.200 s, now is 0.010 s"
+    stream.buffer.reach(239 * MS)
+    assert [stream.known(due) for due in (223, 224, 1000)] == [None, 224, 239]
+
+
+def test_messages_ahead_are_of_before_when_time_starts_again():
+    stream = Stream()
+    stream.send(1000, now=10)
+    assert stream.buffer.restart(0) == -1
+    assert stream.buffer.reach(1000 * MS) == -1 and stream.known(2000) is None
 
 
 def test_messages_that_are_stale_or_come_again_change_nothing():
@@ -73,5 +104,6 @@ def test_messages_of_a_new_time_wait_for_it():
 def test_the_stream_is_known_again_after_whatever_has_come(stamps, now):
     stream = Stream()
     stream.send(*stamps, now=now)
+    stream.buffer.reach(now * MS)
     stream.send(*range(now, now + 30), now=now)
     assert stream.known(now + 29) == now + 29

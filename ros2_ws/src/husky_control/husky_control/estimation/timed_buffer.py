@@ -9,7 +9,8 @@ from typing import Generic, TypeVar
 MessageT = TypeVar("MessageT")
 
 _AHEAD_NS = 100_000_000
-"""A message so far ahead of the tick is not of this time: of before a reset, or wrong [ns]."""
+"""A message so far ahead of the tick is doubted: it is of before a reset, or wrong, or ticks have
+stood still [ns]."""
 _LEAD_NS = 10_000_000
 """A message that is so far ahead of a later one of about now was wrong [ns]."""
 
@@ -18,7 +19,8 @@ class TimedBuffer(Generic[MessageT]):
     """Keeps messages until the tick that may know them.
 
     A message that is older than the last is late, comes a second time, or belongs to a world that
-    starts again: it is set aside, and counts only if time does start again.
+    starts again: it is set aside, and counts only if time does start again. One that is far ahead
+    of the ticks counts only if they jump to its time before the stream tells of an earlier one.
     """
 
     def __init__(self, refuse: Callable[[str], None], size: int):
@@ -31,13 +33,14 @@ class TimedBuffer(Generic[MessageT]):
         self._refuse = refuse
         self._entries: deque[tuple[int, MessageT]] = deque(maxlen=size)
         self._aside: deque[tuple[int, MessageT]] = deque(maxlen=size)
+        self._ahead: deque[tuple[int, MessageT]] = deque()
 
     def __len__(self) -> int:
         """The number of messages that are kept."""
         return len(self._entries)
 
     def add(self, stamp: int, message: MessageT, now: int) -> bool:
-        """Keep a message, or set it aside; return False for one that is too far ahead.
+        """Keep a message, or set it aside; return False for one that is far ahead.
 
         Args:
             stamp: of the message [ns].
@@ -46,8 +49,12 @@ class TimedBuffer(Generic[MessageT]):
         """
         entries = self._entries
         if 0 <= now < stamp - _AHEAD_NS:
-            self._refuse(f"its stamp is {stamp / 1e9:.3f} s, now is {now / 1e9:.3f} s")
+            if len(self._ahead) == entries.maxlen:
+                self._refuse_ahead(now)
+            self._ahead.append((stamp, message))
             return False
+        while self._ahead:
+            self._refuse_ahead(now)
         if now >= 0 and stamp > now - _LEAD_NS:
             while entries and entries[-1][0] > stamp + _LEAD_NS:
                 self._refuse(f"its stamp was {(entries.pop()[0] - stamp) / 1e9:.3f} s ahead")
@@ -59,6 +66,24 @@ class TimedBuffer(Generic[MessageT]):
             self._refuse(f"its stamp {late / 1e9:.3f} s is older than the last")
         entries.append((stamp, message))
         return True
+
+    def reach(self, now: int) -> int:
+        """A tick begins: keep what was far ahead of the last one and is of this one's time.
+
+        Args:
+            now: its stamp [ns].
+
+        Returns:
+            Stamp of the newest message that is kept for this [ns], -1 for none.
+        """
+        if not self._ahead:
+            return -1
+        ahead, self._ahead = self._ahead, deque()
+        return max(stamp if self.add(stamp, message, now) else -1 for stamp, message in ahead)
+
+    def _refuse_ahead(self, now: int) -> None:
+        stamp = self._ahead.popleft()[0]
+        self._refuse(f"its stamp is {stamp / 1e9:.3f} s, now is {now / 1e9:.3f} s")
 
     def known(self, due: int) -> tuple[int, MessageT] | None:
         """Return the newest message stamped until `due` [ns], or None; older ones are forgotten."""
@@ -85,7 +110,7 @@ class TimedBuffer(Generic[MessageT]):
             Stamp of the newest message that is kept [ns], -1 for none.
         """
         kept = [entry for entry in self._aside if entry[0] < time + _AHEAD_NS]
-        self._aside.clear()
-        self._entries.clear()
+        for entries in (self._aside, self._entries, self._ahead):
+            entries.clear()
         self._entries.extend(kept)
         return kept[-1][0] if kept else -1

@@ -58,7 +58,6 @@ class FansLink(TickInput[PropulsionState]):
 
     def take(self, time_ns: int, measurements: Measurements) -> None:
         """Write what a tick of this time knows of the unit."""
-        self._now_ns = time_ns
         known = self._messages.known(time_ns - self._known_after_ns)
         m, state = measurements, known[1] if known is not None else _NOTHING_KNOWN
         m.fans_available = _follows(state, time_ns)

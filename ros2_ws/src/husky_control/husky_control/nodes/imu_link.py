@@ -71,10 +71,6 @@ class ImuLink(TickInput[ImuSample]):
         if self._keep(sample.time_ns, sample):
             self._on_sample()
 
-    def await_tick(self, time_ns: int) -> None:
-        """From now on samples are of this tick."""
-        self._now_ns = time_ns
-
     def take(self, time_ns: int, measurements: Measurements) -> None:
         """Write the sample that a tick of this time uses, and its age."""
         samples = self._messages

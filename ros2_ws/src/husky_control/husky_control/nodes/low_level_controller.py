@@ -170,7 +170,8 @@ class LowLevelController(OneClock, Node):
         self._measurements.joint_age_ticks = gap
         self._joint_state = state
         self._joint_time_ns = stamp
-        self._imu.await_tick(stamp)
+        for each in self._inputs:
+            each.await_tick(stamp)
         self._pending = True
         self._tick_when_complete()
 

@@ -46,7 +46,6 @@ class PoseLink(TickInput[Odometry]):
 
     def take(self, time_ns: int, measurements: Measurements) -> None:
         """Write the newest pose that a tick of this time knows, if there is a newer one."""
-        self._now_ns = time_ns
         poses = self._messages
         known = poses.known(time_ns - _DELAY_NS) if self._lockstep else poses.newest()
         if known is not None and known[1] is not self._copied:

@@ -41,6 +41,13 @@ class TickInput(Generic[MessageT]):
         self._without = without
         self._now_ns = -1
 
+    def await_tick(self, time_ns: int) -> None:
+        """From now on messages are of this tick [ns]."""
+        self._now_ns = time_ns
+        reached = self._messages.reach(time_ns)
+        if reached >= 0:
+            self.peer.answer(reached)
+
     def _keep(self, stamp: int, message: MessageT) -> bool:
         """Keep a message; return whether it is one of about now."""
         if not self._messages.add(stamp, message, self._now_ns):
