@@ -126,7 +126,8 @@ def stand_in(graph_of_module, graphs):
     robot.start_again()
     robot.session.processes.end(graph.LOW_LEVEL_CONTROLLER)
     stand_in = StandIn(robot)
-    yield stand_in
+    with robot.session.unheard(graph.LOW_LEVEL_CONTROLLER):
+        yield stand_in
     stand_in.node.destroy_node()
     graphs.end()
 

@@ -147,7 +147,7 @@ def test_deactivation_under_load(trotting, record_property):
     assert deactivate(trotting)
     s.wait_for(lambda: trotting.mode == "damping", "damping without another tick")
     assert s.state.reason == "the drive bridge is not active", trotting.seen
-    with s.unheard(graph.LOW_LEVEL_CONTROLLER):
+    with s.unheard(graph.DRIVE_BRIDGE):
         s.advance(0.3)
     record_property("reaction_s", trotting.torque_ends(since))
     assert not s.drives.active and not s.drives.operational

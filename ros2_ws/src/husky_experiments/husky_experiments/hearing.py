@@ -30,14 +30,15 @@ _REPORTS = {
     graph.GROUND_TRUTH: 10_000_000,
     graph.FAN_STATE: 10_000_000,
     graph.CONTROLLER_STATE: 20_000_000,
+    graph.DRIVES_STATUS: 100_000_000,
 }
 """Periods of what nodes report of themselves [ns]."""
 _REPORTERS = {
-    graph.PLANT: graph.GROUND_TRUTH,
-    **dict.fromkeys(graph.JOINT_BRIDGES, graph.CONTROLLER_STATE),
-    graph.LOW_LEVEL_CONTROLLER: graph.CONTROLLER_STATE,
+    graph.PLANT: (graph.GROUND_TRUTH, graph.FAN_STATE),
+    **dict.fromkeys(graph.JOINT_BRIDGES, (graph.DRIVES_STATUS, graph.CONTROLLER_STATE)),
+    graph.LOW_LEVEL_CONTROLLER: (graph.CONTROLLER_STATE,),
 }
-"""Without whom there is no report: the controller ticks by the joint states."""
+"""What is not reported without a node: the controller ticks by the joint states."""
 
 
 def waiting(subscription: Subscription) -> Iterator[Any]:
@@ -75,7 +76,7 @@ class HeardGraph(GraphLink):
     """
 
     _reports: Sequence[Subscription] = ()  # nobody listens before the graph is complete
-    _excused = ""  # topic of which nothing is expected
+    _excused: Sequence[str] = ()  # topics of which nothing is expected
 
     def _listen(self) -> None:
         names = {spec.name for spec in self.specs}
@@ -108,7 +109,7 @@ class HeardGraph(GraphLink):
         """Drop what has been reported: it is of a world that is no more."""
         self._reported = dict.fromkeys(_REPORTS, 0)
         if not self._has_legs:
-            del self._reported[graph.CONTROLLER_STATE]
+            del self._reported[graph.CONTROLLER_STATE], self._reported[graph.DRIVES_STATUS]
         if not self._has_fans:
             del self._reported[graph.FAN_STATE]
         self.time = 0.0
@@ -134,7 +135,7 @@ class HeardGraph(GraphLink):
         while late := [
             topic
             for topic, stamp in self._reported.items()
-            if stamp <= now - _REPORTS[topic] and topic != self._excused
+            if stamp <= now - _REPORTS[topic] and topic not in self._excused
         ]:
             if time.monotonic() > deadline:
                 for topic in late:
@@ -149,19 +150,18 @@ class HeardGraph(GraphLink):
 
         Without that each step waits until it is sure that the node is silent.
         """
-        self._excused = _REPORTERS[node]
+        before = self._excused
+        self._excused = (*before, *_REPORTERS[node])
         try:
             yield
         finally:
-            self._excused = ""
+            self._excused = before
 
     def kill(self, node: str) -> None:
         """Kill a node (SIGKILL), and forget what it has said; the others must do without it."""
         super().kill(node)
-        if node in _REPORTERS:
-            self._reported.pop(_REPORTERS[node], None)
-        if node == graph.PLANT:
-            self._reported.pop(graph.FAN_STATE, None)
+        for topic in _REPORTERS.get(node, ()):
+            self._reported.pop(topic, None)
         if node == graph.LOW_LEVEL_CONTROLLER:
             self.state = None
         elif node in graph.JOINT_BRIDGES:
@@ -198,3 +198,4 @@ class HeardGraph(GraphLink):
 
     def _on_drives(self, drives: DriveStatusArray) -> None:
         self.drives = drives
+        self._reported[graph.DRIVES_STATUS] = stamps.to_ns(drives.stamp)
