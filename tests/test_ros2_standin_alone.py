@@ -7,6 +7,7 @@ import re
 import shutil
 import signal
 import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -81,6 +82,36 @@ def test_what_the_stand_in_lacks_is_said(line: str, package: str, has: str) -> N
     assert "is not in this stand-in for the ros2 command" in result.stderr
     assert f"ros-jazzy-{package} " in result.stderr
     assert has in result.stderr
+
+
+INTERRUPTED = """
+import argparse
+import rclpy
+from std_srvs.srv import Trigger
+from standin import cli
+from standin.graph import graph_node
+
+def verb(args):
+    with graph_node(args) as node:
+        rclpy.shutdown()  # as the handler of a signal does
+        node.create_client(Trigger, "any")
+
+print(cli.run_guarded(argparse.Namespace(main=verb)))
+"""
+
+
+def test_a_signal_between_two_waits_is_no_error() -> None:
+    """It is the next use of the node then that finds ROS shut down."""
+    environment = ros2_environment()
+    path = f"{STAND_IN.parents[1]}:{environment.get('PYTHONPATH', '')}"
+    told = subprocess.run(
+        [sys.executable, "-c", INTERRUPTED],
+        env={**environment, "PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert (told.stdout, told.stderr) == (f"{signal.SIGTERM:d}\n", "")
 
 
 def test_a_verb_that_there_is_nowhere_is_an_error() -> None:

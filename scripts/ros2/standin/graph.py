@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import rclpy
 from rclpy.exceptions import InvalidTopicNameException
+from rclpy.executors import ExternalShutdownException
 from rclpy.expand_topic_name import expand_topic_name
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -52,6 +53,10 @@ def graph_node(
     )
     try:
         yield node
+    except RuntimeError:
+        if rclpy.ok():
+            raise
+        raise ExternalShutdownException from None  # a signal came between two waits
     finally:
         node.destroy_node()
         rclpy.try_shutdown()
