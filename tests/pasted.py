@@ -96,11 +96,11 @@ def look_inside(clock, log):
         )
     try:
         with shell(clock) as paste:
-            (line, wanted), *_ = steps
+            (line, wanted), *others = steps
             end = time.monotonic() + PATIENCE[clock]
             while alike(paste(line)[0].splitlines()) != alike(wanted):  # the nodes come up
                 assert time.monotonic() < end, line
-            for line, wanted in steps:
+            for line, wanted in others:
                 printed, _ = paste(line)
                 assert alike(printed.splitlines()) == alike(wanted), f"{line} printed {printed!r}"
     except AssertionError as failure:

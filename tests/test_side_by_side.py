@@ -17,6 +17,8 @@ FILES = (
     "test_short",
     "test_third",
 )
+AWAITED = {"test_long": "test_short", "test_third": "test_long"}
+"""What must have begun before a file's tests end: how fast the workers are does not matter."""
 TEST = """
 import os, pathlib, time
 import pytest
@@ -24,7 +26,10 @@ import pytest
 @pytest.mark.parametrize("number", range(3))
 def test_it(number, request):
     begin = time.monotonic()
-    time.sleep({duration})
+    pathlib.Path("begun_{begun}").touch()
+    while not pathlib.Path("begun_{awaited}").exists():
+        assert time.monotonic() < begin + 120.0, "{awaited} has not begun"
+        time.sleep(0.01)
     with pathlib.Path("trace").open("a") as file:
         worker = os.environ["PYTEST_XDIST_WORKER"]
         print("{name}", worker, begin, time.monotonic(), file=file)
@@ -35,10 +40,11 @@ def test_it(number, request):
 def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[tuple]]:
     """Worker, begin and end [s] of each test of each file."""
     root = tmp_path_factory.mktemp("root")
-    files = {
-        f"{name}.py": TEST.format(name=name, duration=0.3 if name == "test_long" else 0.05)
-        for name in FILES
-    }
+    files = {}
+    for name in FILES:
+        begun = name.replace("/", "_")
+        text = TEST.format(name=name, begun=begun, awaited=AWAITED.get(name, begun))
+        files[f"{name}.py"] = text
     inner_run(root, files, "-n", "3")
     found: dict[str, list[tuple]] = {name: [] for name in FILES}
     for line in (root / "trace").read_text().splitlines():
@@ -63,11 +69,11 @@ def test_containers_have_a_worker_of_their_own(runs):
 
 
 def test_files_are_begun_from_both_ends(runs):
-    """Those that are in no worker's own: the longest is the first one."""
+    """Those that are in no worker's own, the first and the last of them side by side."""
     begins = {name: tests[0][1] for name, tests in runs.items()}
-    assert begins["test_third"] < begins["test_short"]
+    assert begins["test_third"] < begins["test_short"] < runs["test_long"][0][2]
+    assert begins["test_long"] < runs["test_third"][0][2]
     assert workers(runs["test_long"]).isdisjoint(workers(runs["test_third"]))
-    assert begins["test_long"] < runs["test_third"][-1][2]
 
 
 def test_files_in_real_time_come_last_and_alone(runs):
