@@ -26,8 +26,8 @@ STEP = 0.0005
 JOINT = ROBOT.joint_names[4]
 LEAD = 5 * graph.TICK_PERIOD_NS
 """How far time goes on before the joints of a tick are answered [ns]; 30 ms are a silence."""
-PATIENCE = 150
-"""For so many of its own steps, then it goes on all the same."""
+PATIENCE = 500
+"""For so many of its own steps, a second or more, then it goes on all the same."""
 INERTIA = ROBOT.bus_servo.armature + 0.01
 """What each servo turns here: its rotor and a light limb [kg m^2]."""
 
@@ -79,7 +79,7 @@ class Bench(DeviceBench):
 
     def _waits(self):
         """Whether time stands still: on a busy machine no command shall be late of itself."""
-        if self.time_ns - self.answered_ns < LEAD:
+        if self.target is None or self.time_ns - self.answered_ns < LEAD:
             self.held_up = 0
         else:
             self.held_up += 1
