@@ -102,11 +102,10 @@ print(cli.run_guarded(argparse.Namespace(main=verb)))
 
 def test_a_signal_between_two_waits_is_no_error() -> None:
     """It is the next use of the node then that finds ROS shut down."""
-    environment = ros2_environment()
-    path = f"{STAND_IN.parents[1]}:{environment.get('PYTHONPATH', '')}"
     told = subprocess.run(
         [sys.executable, "-c", INTERRUPTED],
-        env={**environment, "PYTHONPATH": path},
+        cwd=STAND_IN.parents[1],  # where the package is
+        env=ros2_environment(),
         capture_output=True,
         text=True,
         check=True,

@@ -11,13 +11,13 @@ from inner_run import inner_run
 FILES = (
     "bare/test_b",
     "docker/test_a",
-    "test_long",
+    "test_first",
     "test_realtime_a",
     "test_realtime_b",
-    "test_short",
+    "test_second",
     "test_third",
 )
-AWAITED = {"test_long": "test_short", "test_third": "test_long"}
+AWAITED = {"test_first": "test_second", "test_third": "test_first"}
 """What must have begun before a file's tests end: how fast the workers are does not matter."""
 TEST = """
 import os, pathlib, time
@@ -26,8 +26,8 @@ import pytest
 @pytest.mark.parametrize("number", range(3))
 def test_it(number, request):
     begin = time.monotonic()
-    pathlib.Path("begun_{begun}").touch()
-    while not pathlib.Path("begun_{awaited}").exists():
+    pathlib.Path("tests/{name}.begun").touch()
+    while not pathlib.Path("tests/{awaited}.begun").exists():
         assert time.monotonic() < begin + 120.0, "{awaited} has not begun"
         time.sleep(0.01)
     with pathlib.Path("trace").open("a") as file:
@@ -40,11 +40,9 @@ def test_it(number, request):
 def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[tuple]]:
     """Worker, begin and end [s] of each test of each file."""
     root = tmp_path_factory.mktemp("root")
-    files = {}
-    for name in FILES:
-        begun = name.replace("/", "_")
-        text = TEST.format(name=name, begun=begun, awaited=AWAITED.get(name, begun))
-        files[f"{name}.py"] = text
+    files = {
+        f"{name}.py": TEST.format(name=name, awaited=AWAITED.get(name, name)) for name in FILES
+    }
     inner_run(root, files, "-n", "3")
     found: dict[str, list[tuple]] = {name: [] for name in FILES}
     for line in (root / "trace").read_text().splitlines():
@@ -71,9 +69,9 @@ def test_containers_have_a_worker_of_their_own(runs):
 def test_files_are_begun_from_both_ends(runs):
     """Those that are in no worker's own, the first and the last of them side by side."""
     begins = {name: tests[0][1] for name, tests in runs.items()}
-    assert begins["test_third"] < begins["test_short"] < runs["test_long"][0][2]
-    assert begins["test_long"] < runs["test_third"][0][2]
-    assert workers(runs["test_long"]).isdisjoint(workers(runs["test_third"]))
+    assert begins["test_third"] < begins["test_second"] < runs["test_first"][0][2]
+    assert begins["test_first"] < runs["test_third"][0][2]
+    assert workers(runs["test_first"]).isdisjoint(workers(runs["test_third"]))
 
 
 def test_files_in_real_time_come_last_and_alone(runs):

@@ -28,8 +28,8 @@ UPDATE = "bring them up to date with: . scripts/env.sh; python -m husky_bringup.
 MEASURED = 500
 """Ticks over which rates are counted: one second."""
 PORTION = 10
-"""Ticks of these after which this process catches up: they make a hundred messages, and whoever has
-512 waiting in Fast DDS's shared memory loses the next."""
+"""Ticks of these after which this process catches up: they make a hundred messages. 512 may wait in
+shared memory (Fast DDS, `port_queue_capacity`); of more some are lost."""
 LATE = 10.0
 """Wall time that messages may be on their way [s]."""
 

@@ -100,6 +100,7 @@ def test_following_error(trotting, record_property):
 def test_drive_off_the_bus(trotting, record_property):
     """Frames come back short: none is believed, and torque goes everywhere."""
     s = trotting.session
+    losses = trotting.told(graph.LOW_LEVEL_CONTROLLER, "peer_losses")
     failed = trotting.watch()
     s.inject(graph.DRIVES_INJECT_FAULT, KNEE, "silent")
     with s.unheard(graph.LOW_LEVEL_CONTROLLER):  # it has no joint states to tick by
@@ -113,6 +114,7 @@ def test_drive_off_the_bus(trotting, record_property):
     s.inject(graph.DRIVES_INJECT_FAULT, KNEE, "")
     trotting.trigger(graph.DRIVES_RESET_FAULTS)
     trotting.until(lambda: trotting.mode == "damping", "damping after the gap", within=1.0)
+    assert trotting.told(graph.LOW_LEVEL_CONTROLLER, "peer_losses") == losses, "the IMU is there"
     trotting.recover()
 
 

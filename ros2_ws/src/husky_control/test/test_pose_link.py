@@ -90,6 +90,16 @@ def test_all_of_a_pose_is_taken():
     assert pose.variance == 0.0
 
 
+def test_a_tick_after_a_gap_waits_for_no_pose_that_has_come():
+    link, publish = make()
+    publish(0)
+    taken(link, 10)
+    publish(300)  # no joint states, and so no ticks, in between
+    link.await_tick(310 * MS)
+    assert link.ready(310 * MS) and not link.ready(311 * MS)
+    assert taken(link, 310).position[0] == 300.0
+
+
 def test_poses_of_before_a_reset_do_not_count():
     link, publish = make()
     publish(5000)

@@ -68,13 +68,13 @@ class TimedBuffer(Generic[MessageT]):
         return True
 
     def reach(self, now: int) -> int:
-        """A tick begins: keep what was far ahead of the last one and is of this one's time.
+        """A tick begins: keep what was far ahead of the last one and no longer is.
 
         Args:
             now: its stamp [ns].
 
         Returns:
-            Stamp of the newest message that is kept for this [ns], -1 for none.
+            Stamp of the newest of these [ns], -1 for none.
         """
         if not self._ahead:
             return -1
