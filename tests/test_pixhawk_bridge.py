@@ -9,8 +9,8 @@ import pytest
 pytest.importorskip("rclpy")
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from lifecycle_msgs.msg import Transition
-from node_bench import DeviceBench, assert_refused
+from lifecycle_msgs.msg import State, Transition
+from node_bench import DeviceBench, assert_refused, every
 from pymavlink.dialects.v20 import common as mavlink
 from scripted_autopilot import ScriptedAutopilot
 from sensor_msgs.msg import BatteryState
@@ -187,6 +187,21 @@ def test_a_deactivated_bridge_gives_the_port_back(bench):
     assert bench.change_state(Transition.TRANSITION_ACTIVATE)
     bench.wait_for_state(lambda state: state.connected, "the autopilot")
     bench.end()
+
+
+def test_a_bridge_whose_fans_push_stays_active(bench):
+    """Neither deactivation nor a shutdown takes the thrust away; without thrust it may leave."""
+    bench.connect()
+    assert bench.call(SetBool, graph.PROPULSION_ARM, data=True).success
+    bench.wait_for_state(lambda state: state.armed, "an armed state")
+    push = every(0.01, lambda: bench.command(thrust=10.0))
+    bench.wait(lambda: bench.thrusts().max(initial=0.0) > 0.0, "thrust", push)
+    for leave in (Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_ACTIVE_SHUTDOWN):
+        assert not bench.change_state(leave)
+    assert bench.lifecycle_state() == State.PRIMARY_STATE_ACTIVE
+    rest = every(0.01, bench.command)
+    bench.wait(lambda: bench.thrusts()[-1] == 0.0, "no thrust", rest)
+    assert bench.change_state(Transition.TRANSITION_DEACTIVATE)
 
 
 @pytest.mark.parametrize("bench", [{"time": "lockstep"}], indirect=True)

@@ -130,9 +130,9 @@ def test_emergency_stop(trotting, record_property):
     trotting.recover()
 
 
-def deactivate(robot: Any) -> bool:
+def deactivate(robot: Any, **transition: Any) -> bool:
     """Ask the bridge to give the drives up; return whether it did."""
-    down = Transition(id=Transition.TRANSITION_DEACTIVATE)
+    down = Transition(**(transition or {"id": Transition.TRANSITION_DEACTIVATE}))
     return bool(
         robot.ask(ChangeState, f"/{graph.DRIVE_BRIDGE}/change_state", transition=down).success
     )
@@ -142,6 +142,8 @@ def test_deactivation_under_load(trotting, record_property):
     """Refused while the drives carry the robot; forced, the controller's mode follows."""
     s = trotting.session
     assert not deactivate(trotting)
+    assert not deactivate(trotting, id=Transition.TRANSITION_ACTIVE_SHUTDOWN)
+    assert not deactivate(trotting, label="shutdown")
     s.advance(0.5)
     assert trotting.mode == "walk" and trotting.height > 0.5, trotting.seen
     s.set_parameter(graph.DRIVE_BRIDGE, "deactivate_under_load", True)

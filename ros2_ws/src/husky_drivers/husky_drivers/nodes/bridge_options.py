@@ -58,6 +58,4 @@ def declare_bridge(node: Node, robots: tuple[str, ...], devices: str) -> BridgeO
         "stays below 0.1 s [s]"
     )
     timeout = declare(node, "command_timeout", 0.01, what, 0.004, 0.03)
-    what = f"deactivation is not refused while {devices} are enabled; the robot then drops"
-    declare(node, "deactivate_under_load", False, what, read_only=False)
     return BridgeOptions(robot, pace, grace, autostart, timeout)

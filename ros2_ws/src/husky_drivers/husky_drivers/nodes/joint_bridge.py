@@ -31,6 +31,7 @@ from husky_runtime.nodes.executor import executor_of
 from husky_runtime.nodes.message_guard import Refused
 from husky_runtime.nodes.one_clock import OneClock
 from husky_runtime.nodes.presence import make_peer
+from husky_runtime.nodes.transitions import stay_active_under_load
 
 _START_PATIENCE = 10.0
 """Wall time that a request to enable the joints waits for a first command, torque off [s]."""
@@ -92,21 +93,22 @@ class JointBridge(OneClock, LifecycleNode, ABC, Generic[MasterT]):
         self._diagnostics = diagnostics.Diagnostics(
             self, f"{device} x {len(robot.joint_names)}", lambda: report.make(self._ticks)
         )
+        stay_active_under_load(self, self._load, f"{master.devices} are enabled")
         if self.options.autostart:
             self.trigger_configure()
             self.trigger_activate()
 
     # Life cycle -----------------------------------------------------------------------------
+    def _load(self) -> str:
+        """Return what hangs on this node's activity now, "" for nothing."""
+        if self._master.phase is not Phase.ENABLED:
+            return ""
+        disable = self.resolve_service_name(graph.DRIVES_DISABLE)
+        devices = self._master.devices
+        return f"the {devices} are enabled and carry the robot; sit down, call {disable} first"
+
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Take torque off and close the wire; refused while the joints carry the robot."""
-        forced = self.get_parameter("deactivate_under_load").value
-        if self._master.phase is Phase.ENABLED and not forced:
-            disable = self.resolve_service_name(graph.DRIVES_DISABLE)
-            self.get_logger().error(
-                f"deactivation refused: the {self._master.devices} are enabled and carry the "
-                f"robot; sit down and call {disable} first, or set deactivate_under_load"
-            )
-            return TransitionCallbackReturn.FAILURE
+        """Take torque off and close the wire."""
         self.close()
         return super().on_deactivate(state)
 

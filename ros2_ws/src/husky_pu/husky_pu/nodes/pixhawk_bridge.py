@@ -29,6 +29,7 @@ from husky_runtime.nodes.executor import executor_of
 from husky_runtime.nodes.parameters import declare, declare_mounting, declare_robot
 from husky_runtime.nodes.presence import default_serial_port
 from husky_runtime.nodes.run import run
+from husky_runtime.nodes.transitions import stay_active_under_load
 
 _HEARTBEAT_LOOK = 0.1
 """Between two looks whether a heartbeat is due [s]."""
@@ -86,6 +87,7 @@ class PixhawkBridge(DeviceNode[CompanionLink]):
         self.create_service(SetFlightMode, graph.PROPULSION_SET_MODE, self._on_set_mode)
         self.create_service(Trigger, graph.PROPULSION_KILL, self._on_kill)
         self._diagnostics = diagnostics.Diagnostics(self, "Pixhawk", self._diagnose)
+        stay_active_under_load(self, self._load, "armed fans are asked for thrust")
         self.autostart()
 
     # Lifecycle ----------------------------------------------------------------------------------
@@ -95,6 +97,17 @@ class PixhawkBridge(DeviceNode[CompanionLink]):
         self._setpoints = ThrustSetpoints(self._limits)
         self._report = PixhawkReport(self._connection)
         return CompanionLink(self._client, self._open, self._publish, self._on_link_state)
+
+    def _load(self) -> str:
+        """Return what hangs on this node's activity now, "" for nothing."""
+        if self._link is None:
+            return ""
+        with self._link.talk() as client:
+            armed = client.connected and client.telemetry.report.armed
+        newest = self._setpoints.newest
+        if not armed or newest is None or not (newest.thrust or any(newest.force or ())):
+            return ""
+        return "the fans are armed and asked for thrust; land, take it back or disarm first"
 
     def part(self, link: CompanionLink) -> None:
         """Ask for no thrust."""
