@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import copy
+import functools
+import importlib
 import math
 import struct
 from collections.abc import Iterator
 from typing import Any
 
+import hypothesis.strategies as st
+import numpy as np
 from rclpy.serialization import serialize_message
 from rosidl_parser.definition import (
     AbstractNestedType,
@@ -15,11 +19,26 @@ from rosidl_parser.definition import (
     Array,
     BasicType,
 )
+from sensor_msgs.msg import JointState
+
+from husky_msgs.msg import DriveStatus, DriveStatusArray
 
 _BAD_FLOATS = (math.nan, math.inf, -math.inf, 1e300, -1e300)
 _LONG_TEXT = "x" * 100_000
 _STAMPS = ((-5, 0), (0, 4_000_000_000), (100_000, 0))
 """Before 0, with more nanoseconds than a second has, a day ahead."""
+
+
+def genuine(message_type: Any) -> Any:
+    """Return a message of a kind as a node of ours may send it."""
+    message = message_type()
+    if isinstance(message, JointState):
+        message.position = message.velocity = message.effort = [0.1] * 12
+    if isinstance(message, DriveStatusArray):
+        message.drives = [DriveStatus() for _ in range(12)]
+    if isinstance(getattr(message, "orientation", None), np.ndarray):
+        message.orientation[3] = 1.0
+    return message
 
 
 def mutations(message: Any) -> Iterator[tuple[str, Any]]:
@@ -86,3 +105,76 @@ def _wrong_lists(slot: Any, value: Any) -> Iterator[tuple[str, Any]]:
         yield "none", []
         yield "one short", entries[:-1]
         yield "5000", entries[:1] * 5000
+
+
+# What Hypothesis makes of a definition ------------------------------------------------------------
+class Anything:
+    """Makes whatever can be on the wire where a definition has a field; the odd more often."""
+
+    def __init__(self, *words: str):
+        """Take words that texts may be: names that somebody knows."""
+        text = st.text(st.characters(codec="utf-8"), max_size=20)
+        self._text = st.sampled_from(words) | text if words else text
+
+    def altered(self, genuine: Any) -> st.SearchStrategy[Any]:
+        """Return messages of a genuine one's kind, one to three of whose fields are anything."""
+        fields = list(_fields(genuine, ""))
+
+        @st.composite
+        def make(draw: st.DrawFn) -> Any:
+            message = copy.deepcopy(genuine)
+            for path, slot in draw(st.lists(st.sampled_from(fields), min_size=1, max_size=3)):
+                *steps, name = path.split(".")
+                setattr(functools.reduce(getattr, steps, message), name, draw(self._field(slot)))
+            return message
+
+        return make() if fields else st.just(genuine)
+
+    def _field(self, slot: Any) -> st.SearchStrategy[Any]:
+        if isinstance(slot, AbstractString):
+            return self._text
+        if isinstance(slot, BasicType):
+            return _number(slot.typename)
+        if isinstance(slot, AbstractNestedType):
+            return self._list(slot)
+        return self._message(slot)
+
+    def _message(self, slot: Any) -> st.SearchStrategy[Any]:
+        kind = getattr(importlib.import_module(".".join(slot.namespaces)), slot.name)
+        fields = zip(kind.get_fields_and_field_types(), kind.SLOT_TYPES, strict=True)
+        made = st.builds(kind, **{name: self._field(field) for name, field in fields})
+        if slot.name != "Quaternion":
+            return made
+        turned = st.floats(-math.pi, math.pi).map(lambda a: kind(x=math.sin(a), w=math.cos(a)))
+        return st.just(kind(w=0.0)) | turned | made
+
+    def _list(self, slot: Any) -> st.SearchStrategy[Any]:
+        element = self._field(slot.value_type)
+        if isinstance(slot, Array):
+            return st.lists(element, min_size=slot.size, max_size=slot.size)
+        if not isinstance(slot.value_type, BasicType):
+            return st.lists(element, max_size=3)
+        for_joints = st.lists(element, min_size=12, max_size=12)
+        return st.lists(element, max_size=40) | for_joints
+
+
+def _fields(part: Any, path: str) -> Iterator[tuple[str, Any]]:
+    """Yield path and definition of every field, of those in a nested message too."""
+    for name, slot in zip(part.get_fields_and_field_types(), part.SLOT_TYPES, strict=True):
+        yield path + name, slot
+        value = getattr(part, name)
+        if hasattr(value, "SLOT_TYPES"):
+            yield from _fields(value, f"{path}{name}.")
+
+
+def _number(kind: str) -> st.SearchStrategy[Any]:
+    if kind == "boolean":
+        return st.booleans()
+    if kind == "octet":
+        return st.binary(min_size=1, max_size=1)
+    if kind in ("float", "double"):
+        width = 32 if kind == "float" else 64
+        return st.floats(-10.0, 10.0, width=width) | st.floats(width=width)
+    bits, signed = int(kind.lstrip("uint")), kind[0] == "i"
+    lower, upper = (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1) if signed else (0, 2**bits - 1)
+    return st.integers(max(lower, -3), 20) | st.integers(lower, upper)

@@ -7,6 +7,13 @@ import pytest
 pytest.importorskip("rclpy")
 
 import rclpy
+from rcl_interfaces.msg import (
+    Parameter,
+    ParameterType,
+    ParameterValue,
+    SetParametersResult,
+)
+from rcl_interfaces.srv import SetParameters
 from std_srvs.srv import Trigger
 
 from husky_runtime.nodes import service_desk
@@ -37,14 +44,14 @@ def deaf(node, monkeypatch):
     return service
 
 
-def ask(node):
-    """Call the service; return who asks, its executor and the future."""
+def ask(node, kind=Trigger, name="ask", **request):
+    """Call a service; return who asks, its executor and the future."""
     other = rclpy.create_node("asking", context=node.context)
-    client = other.create_client(Trigger, "ask")
+    client = other.create_client(kind, name)
     spinner = rclpy.executors.SingleThreadedExecutor(context=node.context)
     spinner.add_node(other)
     assert client.wait_for_service(30.0)
-    future = client.call_async(Trigger.Request())
+    future = client.call_async(kind.Request(**request))
     return other, spinner, future
 
 
@@ -73,3 +80,60 @@ def test_a_client_that_is_never_found_is_given_up_with_a_warning(node, deaf):
     assert deaf.tried == 4 and not future.done()
     served.close()
     other.destroy_node()
+
+
+@pytest.fixture
+def live(node):
+    """A node with 100 parameters that counts how many are set, and refuses one."""
+    for number in range(100):
+        node.declare_parameter(f"live{number}", 0.0)
+    node.set = 0
+
+    def on_set(parameters):
+        node.set += len(parameters)
+        return SetParametersResult(successful=parameters[0].name != "live7")
+
+    node.add_on_set_parameters_callback(on_set)
+    return node
+
+
+def wish(number, kind=ParameterType.PARAMETER_DOUBLE):
+    """A parameter as a request has it."""
+    value = ParameterValue(type=kind, double_value=1.0)
+    return Parameter(name=f"live{number % 100}", value=value)
+
+
+def set_parameters(node, wanted):
+    """Ask for them at once; return the results, and how many were set in one go at most."""
+    name = f"/{node.get_name()}/set_parameters"
+    other, spinner, future = ask(node, SetParameters, name, parameters=wanted)
+    served, most = WaitSetExecutor(node), 0
+    while not future.done():
+        before = node.set
+        served.spin_once()
+        most = max(most, node.set - before)
+        spinner.spin_once(timeout_sec=0.01)
+    served.close()
+    other.destroy_node()
+    return future.result().results, most
+
+
+@pytest.mark.parametrize("count", [1, 16, 17, 100, 512])
+def test_of_many_parameters_a_tick_sets_a_few(live, count):
+    results, most = set_parameters(live, [wish(number) for number in range(count)])
+    refused = [number for number, each in enumerate(results) if not each.successful]
+    assert len(results) == count and refused == list(range(7, count, 100))
+    assert most <= 2 * 16  # a look before the wait and one behind it
+
+
+def test_a_parameter_of_no_type_is_refused_alone(live):
+    results, _ = set_parameters(live, [wish(1), wish(2, kind=200), wish(3)])
+    assert [each.successful for each in results] == [True, False, True]
+    assert live.get_parameter("live1").value == live.get_parameter("live3").value == 1.0
+    assert live.get_parameter("live2").value == 0.0
+
+
+def test_too_many_parameters_are_refused(live):
+    results, most = set_parameters(live, [wish(number) for number in range(513)])
+    assert results[0].reason == "parameters holds 513 values, 512 are allowed"
+    assert most == 0

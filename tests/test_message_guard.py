@@ -1,46 +1,58 @@
 """The door of a node: what is let in, what is refused, and what is answered."""
 
 import importlib
+import math
+import re
+import time
 
 import pytest
 
 pytest.importorskip("rclpy")
 
-from geometry_msgs.msg import Quaternion
-from hostile import mutations
+from geometry_msgs.msg import Twist, TwistStamped
+from hostile import genuine, mutations
 from lifecycle_msgs.srv import ChangeState
+from nav_msgs.msg import Odometry
 from rcl_interfaces.msg import Parameter
 from rcl_interfaces.srv import GetParameters, SetParameters, SetParametersAtomically
+from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
-from std_msgs.msg import String
+from std_msgs.msg import Header, String
 from std_srvs.srv import Trigger
 
-from husky_msgs.msg import DriveStatus, DriveStatusArray, FlightSensors, ServoCommand
+from husky_msgs.msg import (
+    DriveStatusArray,
+    FanCommand,
+    FlightSensors,
+    InclinePlan,
+    InclinePlanPoint,
+    ServoCommand,
+)
 from husky_runtime import graph
 from husky_runtime.nodes.message_guard import MessageGuard, Refused, refusal
-from husky_runtime.nodes.message_rules import RULES, SELF_CHECKED, kind_of, make_check
+from husky_runtime.nodes.message_rules import (
+    RULES,
+    SELF_CHECKED,
+    Numbers,
+    kind_of,
+    make_check,
+    most_bytes,
+)
 
 ALLOWED = ("empty", "greatest", "at 100000 s 0 ns", "5000", "one short", "none")
 """What may be genuine of some kinds: greatest of an integer, a late time, a list of any length."""
 KINDS = sorted({topic.type for topic in graph.TOPICS})
 
 
-def genuine(kind):
-    """A message of a kind as a node of ours may send it."""
+def message_class(kind):
+    """The class of a type as the table of topics names it."""
     package, _, name = kind.split("/")
-    message = getattr(importlib.import_module(f"{package}.msg"), name)()
-    if isinstance(message, JointState):
-        message.position = message.velocity = message.effort = [0.1] * 12
-    if isinstance(message, DriveStatusArray):
-        message.drives = [DriveStatus()] * 12
-    if hasattr(message, "orientation") and not isinstance(message.orientation, Quaternion):
-        message.orientation[3] = 1.0
-    return message
+    return getattr(importlib.import_module(f"{package}.msg"), name)
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_kind_of_message_has_a_check_that_lets_genuine_ones_in(kind):
-    message = genuine(kind)
+    message = genuine(message_class(kind))
     check = make_check(type(message))
     assert check(message) == ""
     if kind_of(type(message)) in SELF_CHECKED:
@@ -61,22 +73,83 @@ def test_unknown_speeds_are_told_as_nan():
 
 
 def test_a_reason_names_the_entry_and_what_is_allowed():
-    command = ServoCommand()
-    command.kind[8], command.kp[3] = 7, -1.0
-    check = make_check(ServoCommand)
-    assert check(command) == "kind[8] is 7, allowed is 0 to 3"
-    command.kind[8] = 0
-    assert check(command) == "kp[3] is -1.0, allowed is 0 to 10000"
+    command = FanCommand()
+    command.pwm[2], command.tilt[1] = 1500, 2501
+    assert make_check(FanCommand)(command) == "tilt[1] is 2501, allowed is 0 to 2500"
+
+
+@pytest.mark.parametrize("lower", [None, 0.0])
+@pytest.mark.parametrize("place", range(12))
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 11.0, -11.0])
+def test_one_wrong_number_is_found_wherever_it_stands(monkeypatch, lower, place, bad):
+    monkeypatch.setitem(RULES, "sensor_msgs/JointState", {"velocity": Numbers(10.0, lower)})
+    check, joints = make_check(JointState), genuine(JointState)
+    assert check(joints) == ""
+    joints.velocity[place] = bad
+    assert check(joints).startswith(f"velocity[{place}] is {bad}, allowed is ")
 
 
 def test_the_rules_name_fields_that_are_there():
     for kind, rules in RULES.items():
-        package, name = kind.split("/")
-        message = getattr(importlib.import_module(f"{package}.msg"), name)()
+        package, _, name = kind.partition("/")
+        service, _, request = name.partition("_")
+        module = importlib.import_module(f"{package}.{'srv' if request else 'msg'}")
+        found = getattr(module, service)
+        message = (getattr(found, request) if request else found)()
         for path in rules:
             value = message
             for step in path.split("."):
                 value = getattr(value, step)
+
+
+LONG = {
+    "a million names": JointState(name=["x"] * 1_000_000),
+    "a frame of a megabyte": JointState(header=Header(frame_id="x" * 1_000_000)),
+    "a plan of 4096 points": InclinePlan(points=[InclinePlanPoint()] * 4096),
+}
+
+
+@pytest.mark.parametrize("what", LONG)
+def test_a_message_that_is_too_long_is_refused_before_it_is_made(node, what):
+    """It would be for longer than a tick."""
+    wrong, guard, heard = LONG[what], MessageGuard(node), []
+    kind = type(wrong)
+    subscription = node.create_subscription(kind, "topic", heard.append, 10)
+    publisher = node.create_publisher(kind, "topic", 10)
+    take = guard.taker(subscription.handle, "/topic", kind, raw=False)
+    while publisher.get_subscription_count() < 1:
+        time.sleep(0.01)
+    publisher.publish(wrong)
+    publisher.publish(kind())
+    while (taken := take()) is None:
+        time.sleep(0.01)
+    assert taken[0] == kind() and guard.refused == {"/topic": 1}
+    assert re.fullmatch(r"/topic: \d+ bytes, \d+ are allowed", guard.last)
+
+
+def test_bytes_that_are_no_message_are_refused(node):
+    guard = MessageGuard(node)
+    publisher = node.create_publisher(JointState, "topic", 10)
+    subscription = node.create_subscription(JointState, "topic", print, 10)
+    take = guard.taker(subscription.handle, "/topic", JointState, raw=False)
+    while publisher.get_subscription_count() < 1:
+        time.sleep(0.01)
+    publisher.publish(serialize_message(JointState(name=["left"]))[:24])
+    while not guard.refused:
+        assert take() is None
+    assert guard.last == "/topic: 24 bytes are no JointState"
+
+
+def test_kinds_of_a_fixed_length_are_not_counted():
+    assert most_bytes(ServoCommand) is None and most_bytes(Twist) is None
+    for kind in (JointState, DriveStatusArray, Odometry, TwistStamped):
+        assert most_bytes(kind) == 65_536
+
+
+def test_the_longest_plan_of_ours_is_let_in():
+    """Of 100 intervals, the most that the planner's parameter allows, and 8 switches of stance."""
+    plan = InclinePlan(points=[InclinePlanPoint()] * (100 + 1 + 8))
+    assert len(serialize_message(plan)) < 0.6 * most_bytes(InclinePlan)
 
 
 def test_what_is_refused_or_fails_is_counted_and_the_node_goes_on(node):

@@ -14,7 +14,7 @@ from sensor_msgs.msg import Imu
 
 from husky_control.nodes.imu_decoder import decode_imu
 
-NUMBER = st.floats(-1e5, 1e5)
+NUMBER = st.floats(-100.0, 100.0)
 ROTATION = st.lists(st.floats(-1.0, 1.0), min_size=4, max_size=4).filter(
     lambda q: max(map(abs, q)) > 0.1
 )
@@ -58,7 +58,7 @@ def test_a_cut_message_is_refused():
 
 
 @pytest.mark.parametrize("index", range(10))
-@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e300, 1e7])
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e300, 2e3])
 def test_numbers_that_no_imu_measures_are_refused(index, bad):
     numbers = list(GOOD)
     numbers[index] = bad

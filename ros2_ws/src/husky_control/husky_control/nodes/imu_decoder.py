@@ -22,8 +22,8 @@ _HEADER = 4
 _STAMP_AND_LENGTH = struct.Struct("<iII")
 _NUMBERS = 4 + 9 + 3 + 9 + 3 + 9
 """Orientation, angular velocity and linear acceleration, each with its covariance."""
-_HUGE_SQUARED = 1e12
-"""No IMU measures so much: 1e6 rad/s or m/s^2, squared."""
+_HUGE_SQUARED = 1e6
+"""No IMU measures so much: 1e3 rad/s or m/s^2, squared."""
 _NORM_TOLERANCE = 0.01
 """By which a rotation's squared norm may differ from 1: quaternions on the wire are float32."""
 

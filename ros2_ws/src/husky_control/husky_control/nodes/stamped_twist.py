@@ -7,7 +7,7 @@ its own, in a ROS context of its own. Nav2 and teleop_twist_keyboard send `Twist
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import cast
+from typing import Any, cast
 
 import rclpy
 from geometry_msgs.msg import Twist, TwistStamped
@@ -53,16 +53,18 @@ class StampedTwist:
             TwistStamped, topic, self._on_message, qos.COMMAND
         )
         self._topic = topic
-        self._enter: Callable[[TwistStamped], None] | None = None
+        self._take: Callable[[], Any] | None = None
+        self._enter: Callable[[TwistStamped], None] = self._on_message
 
     def look(self) -> None:
         """Act on what has come since the last look; the node has its executor."""
-        if self._enter is None:
+        handle = self._subscription.handle
+        if self._take is None:
             guard = cast(WaitSetExecutor, self._node.executor).guard
             self._enter = guard.guarded(self._on_message, self._topic, TwistStamped, raw=False)
-        handle = self._subscription.handle
+            self._take = guard.taker(handle, self._topic, TwistStamped, False)
         with handle:
-            while (taken := handle.take_message(TwistStamped, False)) is not None:
+            while (taken := self._take()) is not None:
                 self._enter(taken[0])
 
     def _on_message(self, message: TwistStamped) -> None:

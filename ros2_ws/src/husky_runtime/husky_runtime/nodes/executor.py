@@ -225,18 +225,16 @@ class _HeldSubscription:
         self.subscription = subscription
         self.handle = subscription.handle
         self.handle.__enter__()
-        self.msg_type = subscription.msg_type
-        self.raw = subscription.raw
-        kind: Any = self.msg_type
-        self.callback = guard.guarded(
-            subscription.callback, subscription.topic_name, kind, raw=self.raw
-        )
+        kind: Any = subscription.msg_type
+        topic, raw = subscription.topic_name, subscription.raw
+        self._take = guard.taker(self.handle, topic, kind, raw)
+        self.callback = guard.guarded(subscription.callback, topic, kind, raw=raw)
         self._next: Any = None
 
     def take(self) -> Any:
         """Return the next message and its info, or None."""
         if self._next is None:
-            return self.handle.take_message(self.msg_type, self.raw)
+            return self._take()
         taken, self._next = self._next, None
         return taken
 
@@ -318,7 +316,7 @@ class _Rest:
             wait_set.add_guard_condition(guard.handle)
         for waitable in self._waitables:
             waitable.add_to_wait_set(wait_set)
-        wait_set.wait(timeout_ns)
+        wait_set.wait(0 if self._desk.busy else timeout_ns)
         for waitable in [w for w in self._waitables if w.is_ready(wait_set)]:
             self._desk.guard.run("action", partial(_execute, waitable))
         self.serve()

@@ -10,8 +10,9 @@ from typing import Any
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
+from rclpy.serialization import deserialize_message
 
-from husky_runtime.nodes.message_rules import Check, make_check
+from husky_runtime.nodes.message_rules import Check, make_check, most_bytes
 
 _REASON = 200
 """Characters of a reason that are told."""
@@ -41,6 +42,30 @@ class MessageGuard:
         self.failures = 0
         self.last = ""
         self._logger = node.get_logger()
+
+    def taker(self, handle: Any, topic: str, message_type: type, raw: bool) -> Callable[[], Any]:
+        """Return what takes the next message and its info out of a queue, None when it is empty.
+
+        A list of a million texts takes longer to be made than the tick that it would hold up, so
+        what may be long comes as bytes, which are counted first.
+        """
+        take, most = handle.take_message, most_bytes(message_type)
+        if raw or most is None:
+            return lambda: take(message_type, raw)
+
+        def take_bounded() -> Any:
+            while (taken := take(message_type, True)) is not None:
+                data, info = taken
+                if len(data) > most:
+                    self.refuse(topic, f"{len(data)} bytes, {most} are allowed")
+                    continue
+                try:
+                    return deserialize_message(data, message_type), info
+                except RuntimeError:
+                    self.refuse(topic, f"{len(data)} bytes are no {message_type.__name__}")
+            return None
+
+        return take_bounded
 
     def guarded(
         self, callback: Callable[[Any], object], topic: str, message_type: type, *, raw: bool

@@ -9,7 +9,7 @@ which refuse them whole and count them (`SELF_CHECKED`).
 from __future__ import annotations
 
 import importlib
-import warnings
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from operator import attrgetter
@@ -31,15 +31,16 @@ _TEXT = 4096
 """Characters of a text that has no bound of its own."""
 _LENGTH = 4096
 """Entries of a list that has no bound of its own."""
+_BYTES = 65_536
+"""Of a message whose kind allows for any length [B]; the longest of ours has half as many."""
 _HUGE = 1e9
 """No number of the graph is beyond this, whatever its unit."""
+MOST_PARAMETERS = 512
+"""Of one request; a node has a fourth of that."""
 _NORM_TOLERANCE = 0.01
 """Of a rotation's norm, which is 1 but for rounding by whoever sent it."""
 _SHOWN = 40
 """Characters of a bad value that a reason shows."""
-
-# The square of a number that is refused may be infinite: that is why it is refused.
-warnings.filterwarnings("ignore", "overflow encountered in dot", RuntimeWarning)
 
 
 @dataclass(frozen=True)
@@ -50,12 +51,14 @@ class Numbers:
         upper: greatest.
         lower: least; minus the greatest by default.
         count: how many a list must hold; None for any.
+        most: how many it may hold, where it may hold any.
         unknown: whether NaN is allowed, for what is not known.
     """
 
     upper: float = _HUGE
     lower: float | None = None
     count: int | None = None
+    most: int = _LENGTH
     unknown: bool = False
 
 
@@ -79,15 +82,6 @@ RULES: Mapping[str, Mapping[str, Numbers]] = {
         "current": Numbers(1e3),  # A
         "bus_voltage": Numbers(1e3),  # V
     },
-    "husky_msgs/ServoCommand": {
-        "kind": Numbers(3.0, 0.0),
-        "position": Numbers(1e3),  # rad
-        "velocity": Numbers(1e4),  # rad/s
-        "torque": Numbers(1e4),  # N m
-        "kp": Numbers(1e4, 0.0),  # N m/rad
-        "kd": Numbers(1e4, 0.0),  # N m s/rad
-        "torque_limit": Numbers(1e4, 0.0),  # N m
-    },
     "husky_msgs/FanCommand": {
         "pwm": Numbers(2500.0, 0.0),  # us
         "tilt": Numbers(2500.0, 0.0),  # us
@@ -109,8 +103,11 @@ RULES: Mapping[str, Mapping[str, Numbers]] = {
         "voltage": _UNKNOWN,
         "current": _UNKNOWN,
     },
+    "rcl_interfaces/GetParameters_Request": {"names": Numbers(most=MOST_PARAMETERS)},
+    "rcl_interfaces/SetParameters_Request": {"parameters": Numbers(most=MOST_PARAMETERS)},
+    "rcl_interfaces/SetParametersAtomically_Request": {"parameters": Numbers(most=64)},
 }
-"""By kind and path; a path of a vector means its components."""
+"""By kind and path; a path of a vector means its components. Requests cost half a tick at most."""
 
 SELF_CHECKED = frozenset(
     (
@@ -118,6 +115,7 @@ SELF_CHECKED = frozenset(
         "geometry_msgs/TwistStamped",
         "husky_msgs/JointCommand",
         "husky_msgs/PropulsionCommand",
+        "husky_msgs/ServoCommand",
     )
 )
 """Commands: their owners refuse them whole, with the limits of now, and count that."""
@@ -141,6 +139,22 @@ def make_check(message_type: type) -> Check:
         return ""
 
     return check
+
+
+def most_bytes(message_type: type) -> int | None:
+    """Return how long a serialised message of a kind may be [B], None where that is fixed."""
+    if all(map(_is_fixed, message_type.SLOT_TYPES)):  # type: ignore[attr-defined]
+        return None
+    return _BYTES
+
+
+def _is_fixed(slot: Any) -> bool:
+    """Return whether a field is as long in every message."""
+    if isinstance(slot, AbstractNestedType):
+        return isinstance(slot, Array) and _is_fixed(slot.value_type)
+    if isinstance(slot, NamespacedType):
+        return all(map(_is_fixed, _class_of(slot).SLOT_TYPES))
+    return not isinstance(slot, AbstractString)
 
 
 # Checks of parts: each gets the whole message -----------------------------------------------------
@@ -252,7 +266,7 @@ def _list_check(slot: AbstractNestedType, path: str, rule: Numbers | None) -> Ch
     get, element = attrgetter(path), slot.value_type
     numbers = rule or Numbers()
     fixed = slot.size if isinstance(slot, Array) else numbers.count
-    most = getattr(slot, "maximum_size", None) or _LENGTH
+    most = getattr(slot, "maximum_size", None) or numbers.most
     inside = _element_check(element, path, rule, numbers)
 
     def check(message: Any) -> str:
@@ -305,15 +319,19 @@ class _Entry:
 def _values_check(path: str, numbers: Numbers) -> Callable[[Any], str]:
     """Return the check of many numbers: for nearly all that come one look decides."""
     upper, lower = numbers.upper, _lower(numbers)
-    square = upper * upper if lower <= -upper else None
+    symmetric = lower <= -upper
 
     def check(values: Any) -> str:
-        array = values if isinstance(values, np.ndarray) else np.frombuffer(values, values.typecode)
-        if square is not None and array.dtype.kind == "f":
-            if array.dot(array) <= square:
-                return ""
-        elif not len(array) or (array.max() <= upper and array.min() >= lower):
+        given = values.tolist()
+        if not given:
             return ""
+        if symmetric:
+            good = math.hypot(*given) <= upper
+        else:  # a sum with NaN is NaN
+            good = lower <= min(given) and max(given) <= upper and not math.isnan(sum(given))
+        if good:
+            return ""
+        array = np.array(given)
         bad = ~((array >= lower) & (array <= upper))
         if numbers.unknown:
             bad &= ~np.isnan(array)

@@ -5,15 +5,19 @@ from __future__ import annotations
 import contextlib
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
+from rcl_interfaces.msg import Parameter, SetParametersResult
+from rcl_interfaces.srv import SetParameters
 from rclpy.exceptions import InvalidHandle
 from rclpy.service import Service
 
 from husky_runtime.nodes.message_guard import MessageGuard
-from husky_runtime.nodes.message_rules import Check, make_check
+from husky_runtime.nodes.message_rules import MOST_PARAMETERS, Check, make_check
 
+_AT_A_TIME = 16
+"""Parameters that are set in one go: a quarter of a tick."""
 _ANSWER_AGAIN = (0.2, 0.5, 1.0, 2.0, 4.0)
 """Waits between the tries to answer a client that is not yet known here [s]."""
 
@@ -52,6 +56,9 @@ class ServiceDesk:
     A request may come before discovery has told where its answer goes: then rmw_fastrtps waits
     0.1 s, gives up with a warning and the client waits for ever. Such an answer is sent again.
 
+    Parameters are set each by itself, as `SetParameters` means it, and of many some at a time:
+    ticks come between them.
+
     Attributes:
         guard: what refuses requests.
     """
@@ -61,9 +68,13 @@ class ServiceDesk:
         self.guard = guard
         self._checks: dict[type, Check] = {}
         self._late: list[tuple[float, int, Service, Any, Any]] = []
+        self._setting: dict[Service, Iterator[None]] = {}
 
     def serve(self, service: Service) -> None:
-        """Answer one request, if there is one."""
+        """Answer one request, if there is one, or go on with one that takes long."""
+        if service in self._setting:
+            self._go_on(service)
+            return
         types: Any = service.srv_type
         kind = types.Request
         request, header = service.handle.service_take_request(kind)
@@ -71,8 +82,35 @@ class ServiceDesk:
             return
         if kind not in self._checks:
             self._checks[kind] = make_check(kind)
-        name = service.service_name
-        self._send(service, self.guard.answer(self._checks[kind], name, service, request), header)
+        if kind is SetParameters.Request and len(request.parameters) <= MOST_PARAMETERS:
+            self._setting[service] = self._set(service, request.parameters, header)
+            self._go_on(service)
+            return
+        self._send(service, self._answer(service, request), header)
+
+    @property
+    def busy(self) -> bool:
+        """Whether there is a request to go on with."""
+        return bool(self._setting)
+
+    def _answer(self, service: Service, request: Any) -> Any:
+        check = self._checks[type(request)]
+        return self.guard.answer(check, service.service_name, service, request)
+
+    def _go_on(self, service: Service) -> None:
+        for _ in self._setting[service]:
+            return  # the next ones later
+        del self._setting[service]
+
+    def _set(self, service: Service, parameters: list[Parameter], header: Any) -> Iterator[None]:
+        """Set parameters, some at a time, each or not, and answer when all are done."""
+        results: list[SetParametersResult] = []
+        for number, parameter in enumerate(parameters):
+            if number > 0 and number % _AT_A_TIME == 0:
+                yield
+            one = SetParameters.Request(parameters=[parameter])
+            results += self._answer(service, one).results
+        self._send(service, SetParameters.Response(results=results), header)
 
     def _send(self, service: Service, response: Any, header: Any, tries: int = 0) -> None:
         """Send an answer, when it is complete, and keep it if its client is not known yet."""

@@ -57,7 +57,7 @@ class DriveWires(JointWires):
             command.torque_limit,
         )
         if not taken:
-            raise Refused("no power stage could do this")
+            raise Refused("a kind is none of 0 to 3, or a number is not finite")
         self.peer.answer(stamp)
         self._command_ns = stamp
         self._latency.end(stamps.to_ns(command.imu_stamp))
