@@ -3,7 +3,7 @@
 import math
 import sys
 
-from husky_bringup.front import end_by_signals
+from husky_bringup.front import end_by_signals, end_if_asked
 
 end_by_signals()
 
@@ -17,6 +17,7 @@ degrees = float(sys.argv[1]) if len(sys.argv) > 1 else 45.0
 mode = sys.argv[2] if len(sys.argv) > 2 else "vector"
 request = PlanRequest(math.radians(degrees), speed=0.3, thrust_mode=mode, gait="climb")
 plan = default_planner(load_robot()).plan(request)
+end_if_asked()
 plan.save("plan.npz")
 print(f"thrust {plan.thrust.mean(axis=0).round(1)} N in the slope frame, {plan.mesh_error}")
 print(f"plan.npz and {draw_plan(plan, 'plan.png')} written")

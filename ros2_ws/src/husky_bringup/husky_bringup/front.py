@@ -21,6 +21,7 @@ def end_by_signals() -> None:
     thread, after one line; and this process ends with its starter, as its own children with it.
 
     Every such signal raises, not only the first: where an exception cannot get out, the next does.
+    Where none comes, `end_if_asked` does.
     """
     for number in starter.ending_signals():
         signal.signal(number, _end)
@@ -30,23 +31,35 @@ def end_by_signals() -> None:
 
 def _end(number: int, frame: FrameType | None) -> None:
     starter.asked_to_end.set()
+    starter.asked_by.append(number)
     name = signal.Signals(number).name
     # Not by `print`: the signal may have come in the middle of one.
     os.write(sys.__stderr__.fileno() if sys.__stderr__ else 2, f"ended by {name}\n".encode())
     raise SystemExit(128 + number)
 
 
+def end_if_asked() -> None:
+    """Raise SystemExit if a signal has come: its exception may have got lost in an extension that
+    calls back into Python, or in a destructor.
+    """
+    if starter.asked_by:
+        raise SystemExit(128 + starter.asked_by[-1])
+
+
 def main() -> None:
     """Run the module or file that the command line names."""
     arguments = sys.argv[1:]
     end_by_signals()
-    if arguments[0] == "-m":
-        sys.argv = arguments[1:]
-        runpy.run_module(arguments[1], run_name="__main__", alter_sys=True)
-    else:
-        sys.argv = arguments
-        sys.path[0] = os.path.dirname(os.path.abspath(arguments[0]))
-        runpy.run_path(arguments[0], run_name="__main__")
+    try:
+        if arguments[0] == "-m":
+            sys.argv = arguments[1:]
+            runpy.run_module(arguments[1], run_name="__main__", alter_sys=True)
+        else:
+            sys.argv = arguments
+            sys.path[0] = os.path.dirname(os.path.abspath(arguments[0]))
+            runpy.run_path(arguments[0], run_name="__main__")
+    finally:
+        end_if_asked()
 
 
 if __name__ == "__main__":

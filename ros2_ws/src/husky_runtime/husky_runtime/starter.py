@@ -20,6 +20,8 @@ END_PERIOD = 2.5
 
 asked_to_end = threading.Event()
 """Set when a signal has asked this process to end: what it has started is ended sooner then."""
+asked_by: list[int] = []
+"""Numbers of these signals, of a program that raises SystemExit on them."""
 
 
 def ending_signals() -> tuple[signal.Signals, ...]:
