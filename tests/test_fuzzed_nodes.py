@@ -99,7 +99,7 @@ def test_messages_of_every_subscription(node):
     ]
     messages = [st.tuples(st.just(n), altered) for n, (_, _, altered) in enumerate(entries)]
 
-    @examples(60 * len(entries))
+    @examples(40 * len(entries))
     @given(st.one_of(messages))
     def fuzz(come):
         enter, raw, _ = entries[come[0]]
@@ -121,7 +121,7 @@ def test_requests_of_every_service(node):
         for service in services
     ]
 
-    @examples(20 * len(services))
+    @examples(12 * len(services))
     @given(st.one_of(requests))
     def fuzz(come):
         service, request = come
