@@ -33,7 +33,7 @@ def pytest_configure(config: pytest.Config) -> None:
     os.environ[starter.VARIABLE] = starter.identity()
 
     def end(number: int, frame: object) -> None:
-        starter.asked_to_end.set()
+        starter.asked_to_end.append(number)
         pytest.exit(f"ended by {signal.Signals(number).name}", returncode=128 + number)
 
     for number in starter.ending_signals():

@@ -109,6 +109,13 @@ LONG = {
 }
 
 
+def until(look):
+    """Look until there is something; return it. The test's timeout is the only limit."""
+    while not (seen := look()):
+        time.sleep(0.01)
+    return seen
+
+
 @pytest.mark.parametrize("what", LONG)
 def test_a_message_that_is_too_long_is_refused_before_it_is_made(node, what):
     """It would be for longer than a tick."""
@@ -117,13 +124,10 @@ def test_a_message_that_is_too_long_is_refused_before_it_is_made(node, what):
     subscription = node.create_subscription(kind, "topic", heard.append, 10)
     publisher = node.create_publisher(kind, "topic", 10)
     take = guard.taker(subscription.handle, "/topic", kind, raw=False)
-    while publisher.get_subscription_count() < 1:
-        time.sleep(0.01)
+    until(lambda: publisher.get_subscription_count())
     publisher.publish(wrong)
     publisher.publish(kind())
-    while (taken := take()) is None:
-        time.sleep(0.01)
-    assert taken[0] == kind() and guard.refused == {"/topic": 1}
+    assert until(take)[0] == kind() and guard.refused == {"/topic": 1}
     assert re.fullmatch(r"/topic: \d+ bytes, \d+ are allowed", guard.last)
 
 
@@ -132,11 +136,9 @@ def test_bytes_that_are_no_message_are_refused(node):
     publisher = node.create_publisher(JointState, "topic", 10)
     subscription = node.create_subscription(JointState, "topic", print, 10)
     take = guard.taker(subscription.handle, "/topic", JointState, raw=False)
-    while publisher.get_subscription_count() < 1:
-        time.sleep(0.01)
+    until(lambda: publisher.get_subscription_count())
     publisher.publish(serialize_message(JointState(name=["left"]))[:24])
-    while not guard.refused:
-        assert take() is None
+    until(lambda: take() or guard.refused)
     assert guard.last == "/topic: 24 bytes are no JointState"
 
 

@@ -16,7 +16,8 @@ pytestmark = pytest.mark.in_a_copy  # each goes on from the same standing robot
 
 ROWS = {name: row for name, row in table_of(load_robot("beta")).items() if name not in TABLE}
 FLIGHT, BALANCE = ("quadrotor.",), ("balance.", "contact.standing_force")
-FALLING = math.radians(35.0)
+FALLING = math.radians(15.0)
+"""Tilt of the body that no task comes near: the greatest seen is 6.3 deg."""
 
 
 class SweptBeta(FlyingBeta):

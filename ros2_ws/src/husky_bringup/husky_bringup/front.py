@@ -30,8 +30,7 @@ def end_by_signals() -> None:
 
 
 def _end(number: int, frame: FrameType | None) -> None:
-    starter.asked_to_end.set()
-    starter.asked_by.append(number)
+    starter.asked_to_end.append(number)
     name = signal.Signals(number).name
     # Not by `print`: the signal may have come in the middle of one.
     os.write(sys.__stderr__.fileno() if sys.__stderr__ else 2, f"ended by {name}\n".encode())
@@ -42,8 +41,8 @@ def end_if_asked() -> None:
     """Raise SystemExit if a signal has come: its exception may have got lost in an extension that
     calls back into Python, or in a destructor.
     """
-    if starter.asked_by:
-        raise SystemExit(128 + starter.asked_by[-1])
+    if starter.asked_to_end:
+        raise SystemExit(128 + starter.asked_to_end[-1])
 
 
 def main() -> None:

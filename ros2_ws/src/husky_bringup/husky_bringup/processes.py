@@ -226,7 +226,7 @@ class Processes:
             while _group_alive(self._running[each]) and time.monotonic() < patience:
                 time.sleep(0.01)
         deadline = time.monotonic() + END_PERIOD
-        if starter.asked_to_end.is_set():
+        if starter.asked_to_end:
             deadline = hurried_deadline
         codes: dict[str, int] = {}
         for each in chosen:

@@ -18,10 +18,8 @@ VARIABLE = "HUSKY_STARTER"
 END_PERIOD = 2.5
 """Wall time that a process takes at most to end when its starter is gone [s]."""
 
-asked_to_end = threading.Event()
-"""Set when a signal has asked this process to end: what it has started is ended sooner then."""
-asked_by: list[int] = []
-"""Numbers of these signals, of a program that raises SystemExit on them."""
+asked_to_end: list[int] = []
+"""Signals that have asked this process to end: what it has started is ended sooner then."""
 
 
 def ending_signals() -> tuple[signal.Signals, ...]:

@@ -6,8 +6,9 @@ its own, in a ROS context of its own. Nav2 and teleop_twist_keyboard send `Twist
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
-from typing import Any, cast
+from typing import cast
 
 import rclpy
 from geometry_msgs.msg import Twist, TwistStamped
@@ -16,7 +17,7 @@ from rclpy.node import Node
 from rclpy.utilities import try_shutdown
 
 from husky_runtime import graph, qos
-from husky_runtime.nodes.executor import WaitSetExecutor
+from husky_runtime.nodes.executor import HeldSubscription, WaitSetExecutor
 from husky_runtime.nodes.message_guard import Refused
 
 FRAMES = ("", graph.FRAME_BASE, graph.FRAME_FOOTPRINT)
@@ -52,20 +53,14 @@ class StampedTwist:
         self._subscription = self._listener.create_subscription(
             TwistStamped, topic, self._on_message, qos.COMMAND
         )
-        self._topic = topic
-        self._take: Callable[[], Any] | None = None
-        self._enter: Callable[[TwistStamped], None] = self._on_message
+        self._held: HeldSubscription | None = None
 
     def look(self) -> None:
         """Act on what has come since the last look; the node has its executor."""
-        handle = self._subscription.handle
-        if self._take is None:
+        if self._held is None:
             guard = cast(WaitSetExecutor, self._node.executor).guard
-            self._enter = guard.guarded(self._on_message, self._topic, TwistStamped, raw=False)
-            self._take = guard.taker(handle, self._topic, TwistStamped, False)
-        with handle:
-            while (taken := self._take()) is not None:
-                self._enter(taken[0])
+            self._held = HeldSubscription(self._subscription, guard)
+        self._held.serve_until(math.inf)
 
     def _on_message(self, message: TwistStamped) -> None:
         frame = message.header.frame_id
@@ -75,5 +70,7 @@ class StampedTwist:
 
     def close(self) -> None:
         """Listen no more."""
+        if self._held is not None:
+            self._held.close()
         self._listener.destroy_node()
         try_shutdown(context=self._context)

@@ -73,7 +73,7 @@ class WaitSetExecutor:
         self.guard = MessageGuard(node)
         self._waker = GuardCondition(None, None, context=self._context)
         self._stop = stop or threading.Event()
-        self._hot = [_HeldSubscription(sub, self.guard) for sub in hot or []]
+        self._hot = [HeldSubscription(sub, self.guard) for sub in hot or []]
         self._hot_timers = hot_timers or []
         self._wires: tuple[Callable[[], bool], ...] = tuple(getattr(node, "hot_wires", ()))
         self._hot_wait_set: Any = None
@@ -218,16 +218,17 @@ class WaitSetExecutor:
         self._hot = []
 
 
-class _HeldSubscription:
+class HeldSubscription:
     """The parts of a subscription that a loop touches, looked up once."""
 
     def __init__(self, subscription: Subscription, guard: MessageGuard):
+        """Hold a subscription, whose messages the guard lets in or refuses."""
         self.subscription = subscription
         self.handle = subscription.handle
         self.handle.__enter__()
         kind: Any = subscription.msg_type
         topic, raw = subscription.topic_name, subscription.raw
-        self._take = guard.taker(self.handle, topic, kind, raw)
+        self._take = guard.taker(self.handle, topic, kind, raw=raw)
         self.callback = guard.guarded(subscription.callback, topic, kind, raw=raw)
         self._next: Any = None
 
@@ -247,6 +248,7 @@ class _HeldSubscription:
             self.callback(taken[0])
 
     def close(self) -> None:
+        """Give the handle back."""
         self.handle.__exit__(None, None, None)
 
 
@@ -257,7 +259,7 @@ class _Rest:
         self,
         node: Node,
         waker: GuardCondition,
-        hot: list[_HeldSubscription],
+        hot: list[HeldSubscription],
         hot_timers: list[Timer],
         desk: ServiceDesk,
     ):
@@ -276,7 +278,7 @@ class _Rest:
         self._all_timers = timers
         hot_subscriptions = [h.subscription for h in hot]
         self._subscriptions = [
-            _HeldSubscription(s, desk.guard) for s in subscriptions if s not in hot_subscriptions
+            HeldSubscription(s, desk.guard) for s in subscriptions if s not in hot_subscriptions
         ]
         self._timers = [t for t in timers if t not in hot_timers]
         events = [w.get_num_entities() for w in self._waitables]

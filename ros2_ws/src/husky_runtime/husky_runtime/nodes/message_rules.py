@@ -107,7 +107,7 @@ RULES: Mapping[str, Mapping[str, Numbers]] = {
     "rcl_interfaces/SetParameters_Request": {"parameters": Numbers(most=MOST_PARAMETERS)},
     "rcl_interfaces/SetParametersAtomically_Request": {"parameters": Numbers(most=64)},
 }
-"""By kind and path; a path of a vector means its components. Requests cost half a tick at most."""
+"""By kind and path; a path of a vector means its components. Requests cost less than a tick."""
 
 SELF_CHECKED = frozenset(
     (
@@ -143,9 +143,8 @@ def make_check(message_type: type) -> Check:
 
 def most_bytes(message_type: type) -> int | None:
     """Return how long a serialised message of a kind may be [B], None where that is fixed."""
-    if all(map(_is_fixed, message_type.SLOT_TYPES)):  # type: ignore[attr-defined]
-        return None
-    return _BYTES
+    slots = message_type.SLOT_TYPES  # type: ignore[attr-defined]
+    return None if all(map(_is_fixed, slots)) else _BYTES
 
 
 def _is_fixed(slot: Any) -> bool:

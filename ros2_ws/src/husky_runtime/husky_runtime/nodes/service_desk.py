@@ -17,7 +17,7 @@ from husky_runtime.nodes.message_guard import MessageGuard
 from husky_runtime.nodes.message_rules import MOST_PARAMETERS, Check, make_check
 
 _AT_A_TIME = 16
-"""Parameters that are set in one go: a quarter of a tick."""
+"""Parameters that are set in one go: of the controller a third of a tick."""
 _ANSWER_AGAIN = (0.2, 0.5, 1.0, 2.0, 4.0)
 """Waits between the tries to answer a client that is not yet known here [s]."""
 
