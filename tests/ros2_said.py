@@ -63,7 +63,6 @@ OUTPUTS = {
     "interface proto geometry_msgs/msg/Point": '"x: 0.0\ny: 0.0\nz: 0.0\n"\n',
     "interface proto --no-quotes std_srvs/srv/SetBool": "data: false\n\n",
     "interface package husky_msgs -a": "husky_msgs/action/PlanIncline\n",
-    "interface packages -a": "husky_msgs\n",
     "pkg xml std_srvs -t license": "Apache License 2.0\n",
     "node list": "/arm/device\n/sample\n",
     "node list -c": "2\n",
@@ -123,6 +122,7 @@ LISTS = (  # what they print is looked at in parts
     "node info /sample",
     "service list -t",
     "service list -c",
+    "interface packages -a",
     "doctor -ep",
     "doctor -r -ep",
 )

@@ -131,6 +131,12 @@ def test_topic_info_shows_the_quality_of_service(results: Results) -> None:
     assert "\n\nSubscription count: " in said
 
 
+def test_packages_with_actions_are_listed(results: Results) -> None:
+    """Which others there are is for the ROS in use to say."""
+    packages = results["interface packages -a"].stdout.splitlines()
+    assert "husky_msgs" in packages and "std_srvs" not in packages
+
+
 def test_node_info_shows_what_a_node_offers(results: Results) -> None:
     said = results["node info /sample"].stdout
     assert said.startswith(

@@ -10,19 +10,29 @@ from ament_index_python.packages import get_package_prefix, get_package_share_di
 from rosbags.typesys import Stores, get_typestore
 
 ROOT = Path(__file__).resolve().parents[1]
-TYPE = "tf2_msgs/msg/TFMessage"
-JAZZY = "RIHS01_e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087"
-"""As Jazzy's nodes tell it on the network, and clients write it that carry their own tables."""
+JAZZY = {
+    "msg/TFMessage": "e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087",
+    "msg/TF2Error": "db2485e7d6a0ec75bf087e058ee45df682acc3a621ca7780503d10aac141809a",
+    "srv/FrameGraph": "0d1fbc6222c018ba5f33822904a2fdd4063705289956d3fdde07cd8c50fe8067",
+    "action/LookupTransform": "0b8adf6bc0b5958879e3265b41a457e03558fe523890a81252c70eba97a82c5d",
+}
+"""What the genuine package tells on the network (RIHS01), so that any client fits."""
 
 
-def test_the_type_is_jazzys():
-    """A genuine client compares this hash; rosbags computes it from its own definitions."""
-    told = json.loads(
-        (Path(get_package_share_directory("tf2_msgs")) / "msg/TFMessage.json").read_text("utf-8")
-    )
+@pytest.mark.parametrize("name", JAZZY)
+def test_the_type_is_jazzys(name):
+    """A genuine client compares this hash; `tf2_ros` imports all of these."""
+    share = Path(get_package_share_directory("tf2_msgs"))
+    told = json.loads((share / f"{name}.json").read_text("utf-8"))
     hashes = {each["type_name"]: each["hash_string"] for each in told["type_hashes"]}
-    assert hashes[TYPE] == JAZZY
-    assert get_typestore(Stores.ROS2_JAZZY).hash_rihs01(TYPE) == JAZZY
+    assert hashes[f"tf2_msgs/{name}"] == f"RIHS01_{JAZZY[name]}"
+
+
+@pytest.mark.parametrize("name", ["msg/TFMessage", "msg/TF2Error"])
+def test_an_independent_reader_computes_the_same(name):
+    """rosbags, from its own definitions."""
+    hashed = get_typestore(Stores.ROS2_JAZZY).hash_rihs01(f"tf2_msgs/{name}")
+    assert hashed == f"RIHS01_{JAZZY[name]}"
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from ros_domain import held_domain
+from ros_domain import held_domain, own_domain
 from seen_robot import SETTINGS, Robot
 
 from husky_bringup.system import simulated_robot
@@ -90,6 +90,13 @@ class Graphs:
 def domain() -> Iterator[int]:
     """The ROS domain of this worker's graphs."""
     with held_domain("tests/graph") as number:
+        yield number
+
+
+@pytest.fixture
+def alone(request: pytest.FixtureRequest) -> Iterator[int]:
+    """A domain in which nobody else is seen: README says which nodes there are."""
+    with own_domain(request.node.nodeid) as number:
         yield number
 
 

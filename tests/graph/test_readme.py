@@ -2,16 +2,8 @@
 
 import pasted
 import pytest
-from ros_domain import own_domain
 
 pytestmark = pytest.mark.graph
-
-
-@pytest.fixture
-def alone(request):
-    """A domain in which nobody else is seen: README says which nodes there are."""
-    with own_domain(request.node.nodeid) as number:
-        yield number
 
 
 @pytest.mark.slow
