@@ -66,17 +66,21 @@ def test_every_profile_is_valid(profile):
     run("docker-compose", "--profile", profile, "config", "--quiet")
 
 
+def ros2_run(spec):
+    return ["ros2", "run", spec.package, spec.executable]
+
+
 def test_one_service_for_each_node_of_the_system(services):
     """Parameters are in the file that every node reads; here is only which node it is."""
     specs = nodes(remote=True)
     found = {name: service for name, service in services.items() if name in specs}
     assert set(found) == set(specs)
     for name, spec in specs.items():
-        assert found[name]["command"] == spec.command()[:4] + PARAMETERS, name
+        assert found[name]["command"] == ros2_run(spec) + PARAMETERS, name
     others = set(services) - set(specs)
     assert others == {"operator", "test", "tools", graph.RECORDER}
     recorder = nodes(record="x")[graph.RECORDER]
-    assert services[graph.RECORDER]["command"] == recorder.command()[:4]
+    assert services[graph.RECORDER]["command"] == ros2_run(recorder)
 
 
 def test_profiles(services):

@@ -74,8 +74,16 @@ def test_bad_parameter(refusals, name):
     assert all(word in lines[0] for word in BAD[name][1:]), output
 
 
-def test_end_of_the_graph(tmp_path):
-    """SIGTERM ends every node with exit code 0 in the 3 s it is given; nothing is left behind."""
+def test_end_of_the_graph(tmp_path, monkeypatch):
+    """SIGTERM ends every node with exit code 0 in the 3 s it is given; nothing is left behind.
+
+    Nodes are started themselves: the genuine `ros2 run` stays as their parent, and its code is -15.
+    """
+    (tmp_path / "bin").mkdir()
+    tool = tmp_path / "bin" / "ros2"
+    tool.write_text("#!/bin/sh\nexit 3\n")
+    tool.chmod(0o755)
+    monkeypatch.setenv("PATH", str(tool.parent), prepend=os.pathsep)
     session = Session(tmp_path, record=False)
     groups = {spec.name: session.processes.process_group(spec.name) for spec in session.specs}
     session.advance(0.1)

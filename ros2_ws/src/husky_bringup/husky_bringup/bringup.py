@@ -1,4 +1,4 @@
-"""`scripts/bringup.sh`: every node of the robot with `ros2 run`, one process each."""
+"""`scripts/bringup.sh`: every node of the robot, one process each."""
 
 from __future__ import annotations
 

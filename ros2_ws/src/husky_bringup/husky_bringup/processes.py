@@ -184,7 +184,7 @@ class Processes:
             if process.poll() is not None
         }
         for name in codes:
-            # The command may have left the node itself behind: `ros2 run` is its parent.
+            # What it has started itself goes with it.
             _signal_group(self._running.pop(name), signal.SIGKILL)
         if any(codes.values()):
             shared_memory.sweep()

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
+
+from ament_index_python.packages import get_package_prefix
 
 from husky_description.mujoco_model import flying_inertia
 from husky_description.robot import ROBOTS, load_robot
@@ -49,10 +52,16 @@ class NodeSpec:
         return arguments
 
     def command(self, *, params_file: str | None = None, namespace: str = "/") -> list[str]:
-        """Return the `ros2 run` command line that starts it."""
+        """Return the command line that starts it: the executable's, as launch starts one.
+
+        The genuine `ros2 run` would be a parent that dies of a signal, with a code of its own.
+
+        Raises:
+            PackageNotFoundError: the package is not installed.
+        """
+        executable = Path(get_package_prefix(self.package), "lib", self.package, self.executable)
         remap = ["-r", f"__ns:={namespace}"] if namespace != "/" else []
-        run = ["ros2", "run", self.package, self.executable, "--ros-args", *remap]
-        return [*run, *self.ros_arguments(params_file, namespace)]
+        return [str(executable), "--ros-args", *remap, *self.ros_arguments(params_file, namespace)]
 
 
 def to_yaml(value: ParameterValue) -> str:

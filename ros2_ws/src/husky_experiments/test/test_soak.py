@@ -145,7 +145,7 @@ for line in sys.stdin:
 
 
 class Holder:
-    """A process in a group of its own, below a parent as `ros2 run` is one."""
+    """A process in a group of its own, below a parent."""
 
     def __init__(self, directory: Path):
         self.shared = Path(f"/dev/shm/husky_test_{os.getpid()}")

@@ -1,7 +1,7 @@
 """What the processes of a graph hold: memory, descriptors, threads, shared memory, log files.
 
-Read from /proc and /dev/shm, by process group: a node is what was started for it, its `ros2 run`
-included.
+Read from /proc and /dev/shm, by process group: a node is what was started for it, and what that
+has started.
 """
 
 from __future__ import annotations
