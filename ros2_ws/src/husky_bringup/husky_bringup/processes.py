@@ -136,6 +136,7 @@ class Processes:
         Raises:
             RuntimeError: it runs already, and we have started it.
             OccupiedError: it runs already, and somebody else has.
+            ValueError: it is not installed.
         """
         if spec.name in self._running and self._running[spec.name].poll() is None:
             raise RuntimeError(f"{spec.name} is running already")
@@ -164,6 +165,7 @@ class Processes:
 
         Raises:
             OccupiedError: it is; says which nodes.
+            ValueError: a node is not installed.
         """
         names = [spec.name for spec in specs]
         self._claims.take(names)

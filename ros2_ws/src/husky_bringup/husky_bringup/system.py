@@ -6,8 +6,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ament_index_python.packages import get_package_prefix
-
 from husky_description.mujoco_model import flying_inertia
 from husky_description.robot import ROBOTS, load_robot
 from husky_runtime import graph
@@ -57,9 +55,17 @@ class NodeSpec:
         The genuine `ros2 run` would be a parent that dies of a signal, with a code of its own.
 
         Raises:
-            PackageNotFoundError: the package is not installed.
+            ValueError: it is not installed.
         """
-        executable = Path(get_package_prefix(self.package), "lib", self.package, self.executable)
+        from ament_index_python.packages import PackageNotFoundError, get_package_prefix
+
+        try:
+            installed = Path(get_package_prefix(self.package), "lib", self.package)
+        except PackageNotFoundError as error:
+            raise ValueError(f"package {self.package} is not installed") from error
+        executable = installed / self.executable
+        if not executable.is_file():
+            raise ValueError(f"{self.executable} of {self.package} is not installed: {installed}")
         remap = ["-r", f"__ns:={namespace}"] if namespace != "/" else []
         return [str(executable), "--ros-args", *remap, *self.ros_arguments(params_file, namespace)]
 

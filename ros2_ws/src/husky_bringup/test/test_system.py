@@ -1,7 +1,7 @@
 import pytest
 
 from husky_bringup import system
-from husky_bringup.system import simulated_robot, to_yaml
+from husky_bringup.system import NodeSpec, simulated_robot, to_yaml
 from husky_description.mujoco_model import flying_inertia
 from husky_description.robot import ROBOTS, load_robot
 from husky_runtime import graph
@@ -111,3 +111,16 @@ def test_the_default_robot_is_told_to_nobody_and_another_to_all_who_load_it():
     told = {"robot": "x"}
     choice = system._Choice("lockstep", "robot_with_unit", "carbon", told, {}, True, False)
     assert all(spec.parameters["robot"] == "x" for spec in system._carbon(choice))
+
+
+@pytest.mark.parametrize(
+    ("spec", "told"),
+    [
+        (NodeSpec("husky_nowhere", "plant"), "package husky_nowhere is not installed"),
+        (NodeSpec("husky_sim", "plantt"), "plantt of husky_sim is not installed"),
+    ],
+)
+def test_a_node_that_is_not_installed_is_named(spec, told):
+    pytest.importorskip("ament_index_python")
+    with pytest.raises(ValueError, match=told):
+        spec.command()

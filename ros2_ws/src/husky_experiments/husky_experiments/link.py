@@ -81,7 +81,7 @@ class GraphLink:
             nodes: who starts, kills and ends them; by default they are processes of ours.
 
         Raises:
-            SessionError: a node ended or did not come up, or a graph was there already.
+            SessionError: a node ended, is not installed or did not come up, or a graph is there.
         """
         self.specs = specs
         self._probes = probes
@@ -91,7 +91,7 @@ class GraphLink:
         try:
             # First: where a graph is there already, not even our own node joins it.
             self.processes.start_all(specs)
-        except OccupiedError as error:
+        except (OccupiedError, ValueError) as error:
             raise SessionError(str(error)) from error
         self._join(name)
         self._services: dict[str, Client] = {
