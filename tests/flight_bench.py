@@ -5,8 +5,8 @@ import socket
 from node_bench import DeviceThread, NodeBench
 
 from husky_msgs.msg import FanCommand, FlightSensors
-from husky_runtime import graph, qos
-from husky_runtime.nodes import stamps
+from husky_runtime import graph
+from husky_runtime.nodes import qos, stamps
 
 VOLTAGE = 24.5
 

@@ -19,7 +19,8 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
-from husky_runtime import graph, qos
+from husky_runtime import graph
+from husky_runtime.nodes import qos
 
 STRANGERS_STOP = {graph.absolute(graph.JOINT_COMMAND)}
 """Where a message out of turn stops the drives: `test_stranger`."""

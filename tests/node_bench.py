@@ -26,7 +26,8 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from husky_runtime import domain_locks as occupancy
-from husky_runtime import graph, qos
+from husky_runtime import graph
+from husky_runtime.nodes import qos
 from husky_runtime.ports.pty_port import PtyPort
 
 _PATIENCE = 150.0

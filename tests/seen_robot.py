@@ -17,8 +17,8 @@ from husky_experiments.hearing import waiting
 from husky_experiments.scripts import FIRST_SAMPLES, walk
 from husky_experiments.session import Session, SessionError
 from husky_msgs.msg import ServoCommand, ServoState
-from husky_runtime import graph, qos
-from husky_runtime.nodes import stamps
+from husky_runtime import graph
+from husky_runtime.nodes import qos, stamps
 
 GRACE = 2.0
 """Wall time after which the nodes give up a silent peer in these tests [s]."""

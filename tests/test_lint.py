@@ -1,4 +1,4 @@
-"""Style and types of the whole tree."""
+"""Style, types and directions of imports of the whole tree."""
 
 import subprocess
 import sys
@@ -11,6 +11,7 @@ PACKAGES = sorted(str(path) for path in ROOT.glob("ros2_ws/src/husky_*/husky_*")
 CHECKS = {
     "ruff": ("ruff", "check", "--output-format", "concise", "."),
     "yamllint": ("yamllint", "--strict", ".github"),
+    "imports": ("lint-imports", "--no-cache"),
     "mypy": (sys.executable, "-m", "mypy", *PACKAGES),
 }
 

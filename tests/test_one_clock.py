@@ -21,8 +21,8 @@ from rclpy.lifecycle import LifecycleNode
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 
-from husky_runtime import graph, qos
-from husky_runtime.nodes import stamps
+from husky_runtime import graph
+from husky_runtime.nodes import qos, stamps
 from husky_runtime.nodes.diagnostics import OK, Diagnostics
 from husky_runtime.nodes.executor import WaitSetExecutor
 from husky_runtime.nodes.one_clock import ROSOUT, OneClock

@@ -20,8 +20,8 @@ from husky_description.robot import load_robot
 from husky_msgs.msg import PropulsionCommand, PropulsionState
 from husky_msgs.srv import SetFlightMode
 from husky_pu.autopilot.mixer import Mixer
-from husky_runtime import graph, qos
-from husky_runtime.nodes import stamps
+from husky_runtime import graph
+from husky_runtime.nodes import qos, stamps
 
 pytestmark = pytest.mark.graph
 

@@ -10,8 +10,8 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Joy
 
 from husky_pu.radio.sbus import BAUD, SbusChannel, SbusParser
-from husky_runtime import graph, qos
-from husky_runtime.nodes import stamps
+from husky_runtime import graph
+from husky_runtime.nodes import qos, stamps
 from husky_runtime.ports.pty_port import PtyPort
 
 pytestmark = pytest.mark.graph

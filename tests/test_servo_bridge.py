@@ -13,8 +13,8 @@ from std_srvs.srv import Trigger
 
 from husky_description.robot import load_robot
 from husky_msgs.msg import DriveStatusArray, JointCommand
-from husky_runtime import graph, qos
-from husky_runtime.nodes import stamps
+from husky_runtime import graph
+from husky_runtime.nodes import qos, stamps
 from husky_sim.devices.bus_servos.bus import EmulatedServoBus
 from husky_sim.devices.bus_servos.motors import BusServoMotors
 

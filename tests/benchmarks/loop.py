@@ -30,8 +30,9 @@ from husky_bringup.processes import Processes
 from husky_bringup.system import simulated_robot
 from husky_experiments.scripts import assist, ready_fans, stand_up, walk
 from husky_experiments.session import Session
-from husky_runtime import graph, qos
+from husky_runtime import graph
 from husky_runtime.domain_locks import Claims
+from husky_runtime.nodes import qos
 
 _RELAY = Path(__file__).with_name("relay.py")
 _RELAY_TICKS = 4000
@@ -82,7 +83,7 @@ def relay_tick_us(*, pipelined: bool) -> float:
     claims = Claims(environment)
     with contextlib.ExitStack() as stack:
         # The relay's topics are the robot's own.
-        claims.take(_ROLES)
+        claims.claim(_ROLES)
         stack.callback(claims.give_up)
         line.unlink(missing_ok=True)
         stack.callback(line.unlink, missing_ok=True)

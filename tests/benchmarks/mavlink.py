@@ -21,8 +21,8 @@ from husky_bringup.processes import Processes
 from husky_bringup.system import NodeSpec
 from husky_msgs.msg import FanCommand, FlightSensors, PropulsionCommand, PropulsionState
 from husky_msgs.srv import SetFlightMode
-from husky_runtime import graph, qos
-from husky_runtime.nodes import stamps
+from husky_runtime import graph
+from husky_runtime.nodes import qos, stamps
 
 os.environ.setdefault("MAVLINK20", "1")
 from pymavlink.dialects.v20 import common as mavlink

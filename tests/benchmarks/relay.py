@@ -25,8 +25,8 @@ from sensor_msgs.msg import Imu, JointState
 
 from husky_description.robot import JOINT_NAMES
 from husky_msgs.msg import JointCommand, ServoCommand, ServoState
-from husky_runtime import graph, qos, starter
-from husky_runtime.nodes import stamps
+from husky_runtime import graph, starter
+from husky_runtime.nodes import qos, stamps
 from husky_runtime.nodes.executor import WaitSetExecutor
 
 _IMU_PERIOD_NS = 1_250_000

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from in_process import InProcessRobot
 
-from husky_control.incline.plan_query import PlanQuery, next_query
+from husky_control.plan_query import PlanQuery, next_query
 from husky_control.planning.collocation.planner import Planner
 from husky_control.planning.collocation.request import PlanRequest
 from husky_control.planning.plan import Plan

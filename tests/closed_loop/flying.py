@@ -9,8 +9,7 @@ from collections.abc import Iterable
 from in_process import InProcessRobot
 
 from husky_control.controller import Controller
-from husky_control.estimation.t265_pose import T265Pose
-from husky_control.tick_data import Measurements
+from husky_control.tick_data import Measurements, T265Pose
 from husky_description.mujoco_model import flying_inertia
 from husky_description.robot import Robot, load_robot
 from husky_description.rotation import swap_body
@@ -77,7 +76,7 @@ class FlightGear:
         m.fans_disarmed = not logic.armed
         m.fans_lost = logic.fans_ok.index(False) if not all(logic.fans_ok) else -1
         while self._poses and self._poses[0].stamp <= 1e-9 * (now - 2_000_000 * _DELAY):
-            m.pose.take(self._poses.popleft())
+            m.pose.copy_from(self._poses.popleft())
 
     def hear(self, now: int, controller: Controller, poses: Iterable[PoseSample]) -> None:
         """Take what the controller wants of the fans, and where the camera has been."""

@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 from seen_robot import QUICKLY, Robot
 
-from husky_experiments.incline_course import Course, climb_onto, climbing_settings, get_ready, go
+from husky_experiments.climb_scripts import climb_onto, get_ready, go
+from husky_experiments.incline_course import Course, climbing_settings
 from husky_runtime import graph
 
 pytestmark = pytest.mark.graph

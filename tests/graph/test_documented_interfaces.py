@@ -18,8 +18,8 @@ from std_srvs.srv import SetBool
 from husky_bringup import document
 from husky_bringup.interfaces import all_nodes, running
 from husky_msgs.srv import StepWorld
-from husky_runtime import graph, qos
-from husky_runtime.nodes import stamps
+from husky_runtime import graph
+from husky_runtime.nodes import qos, stamps
 from husky_runtime.nodes.one_clock import ROSOUT
 
 pytestmark = pytest.mark.graph

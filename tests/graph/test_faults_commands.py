@@ -11,7 +11,8 @@ from sensor_msgs.msg import JointState
 
 from husky_experiments.session import SessionError
 from husky_msgs.msg import JointCommand
-from husky_runtime import graph, qos
+from husky_runtime import graph
+from husky_runtime.nodes import qos
 
 pytestmark = pytest.mark.graph
 

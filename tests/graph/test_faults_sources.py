@@ -11,8 +11,8 @@ from sensor_msgs.msg import JointState
 from husky_bringup.processes import Processes
 from husky_msgs.msg import DriveStatusArray, JointCommand
 from husky_runtime import domain_locks as occupancy
-from husky_runtime import graph, qos
-from husky_runtime.nodes import stamps
+from husky_runtime import graph
+from husky_runtime.nodes import qos, stamps
 
 pytestmark = pytest.mark.graph
 

@@ -24,8 +24,8 @@ from std_srvs.srv import SetBool, Trigger
 from husky_experiments.recordings.recording import Recording
 from husky_msgs.msg import ControllerState
 from husky_msgs.srv import SetMode
-from husky_runtime import graph, qos
-from husky_runtime.nodes import stamps
+from husky_runtime import graph
+from husky_runtime.nodes import qos, stamps
 from husky_runtime.nodes.diagnostics import PERIOD
 
 pytestmark = pytest.mark.graph

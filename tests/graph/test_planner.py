@@ -17,8 +17,8 @@ from husky_bringup.system import NodeSpec
 from husky_control.nodes.plan_message import from_message, to_message
 from husky_msgs.action import PlanIncline
 from husky_msgs.msg import InclinePlan
-from husky_runtime import graph, qos
-from husky_runtime.nodes import stamps
+from husky_runtime import graph
+from husky_runtime.nodes import qos, stamps
 
 pytestmark = pytest.mark.graph
 

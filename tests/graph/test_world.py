@@ -11,8 +11,8 @@ from std_srvs.srv import SetBool
 from husky_description.robot import load_robot
 from husky_msgs.msg import ServoCommand
 from husky_msgs.srv import ResetWorld, StepWorld
-from husky_runtime import graph, qos
-from husky_runtime.nodes import stamps
+from husky_runtime import graph
+from husky_runtime.nodes import qos, stamps
 
 pytestmark = pytest.mark.graph
 

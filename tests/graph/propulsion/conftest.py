@@ -20,8 +20,8 @@ from husky_description.robot import load_robot
 from husky_experiments.scripts import stop_walking
 from husky_msgs.msg import FanState, PropulsionCommand
 from husky_pu.mavlink.frames import signing_time
-from husky_runtime import graph, qos
-from husky_runtime.nodes import stamps
+from husky_runtime import graph
+from husky_runtime.nodes import qos, stamps
 
 GRACE = 2.0
 """Wall time after which the nodes give up a silent peer in these tests [s]."""

@@ -4,15 +4,8 @@ import numpy as np
 import pytest
 from seen_robot import QUICKLY
 
-from husky_experiments.incline_course import (
-    Course,
-    climb_onto,
-    climbing_settings,
-    get_ready,
-    go,
-    has_fallen,
-    place,
-)
+from husky_experiments.climb_scripts import climb_onto, get_ready, go, has_fallen, place
+from husky_experiments.incline_course import Course, climbing_settings
 from husky_experiments.session import SessionError
 
 pytestmark = [pytest.mark.graph, pytest.mark.slow]

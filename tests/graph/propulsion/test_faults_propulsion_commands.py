@@ -6,8 +6,8 @@ import pytest
 from rclpy.node import Node
 
 from husky_msgs.msg import PropulsionCommand
-from husky_runtime import graph, qos
-from husky_runtime.nodes import stamps
+from husky_runtime import graph
+from husky_runtime.nodes import qos, stamps
 
 COMMAND_PERIOD = 0.01
 """Between two commands [s]."""

@@ -140,7 +140,7 @@ class Processes:
         """
         if spec.name in self._running and self._running[spec.name].poll() is None:
             raise RuntimeError(f"{spec.name} is running already")
-        self._claims.take([spec.name])
+        self._claims.claim([spec.name])
         output = None
         if self._logs is not None:
             self._logs.mkdir(parents=True, exist_ok=True)
@@ -168,7 +168,7 @@ class Processes:
             ValueError: a node is not installed.
         """
         names = [spec.name for spec in specs]
-        self._claims.take(names)
+        self._claims.claim(names)
         try:
             claims = self._claims
             refuse_neighbours(names, claims.domain, self._environment, claims.namespace)

@@ -87,7 +87,7 @@ def make_nodes(context: LaunchContext) -> list[Node]:
     specs = simulated_robot(time, settings, record, remote, wakes=True)
     namespace = parse_namespace(LaunchConfiguration("namespace").perform(context))
     claims = Claims(os.environ, namespace)
-    claims.take(spec.name for spec in specs)
+    claims.claim(spec.name for spec in specs)
     refuse_neighbours([spec.name for spec in specs], claims.domain, os.environ, namespace)
     context.extend_globals({"husky_claims": claims})  # held as long as the launch lasts
     return [

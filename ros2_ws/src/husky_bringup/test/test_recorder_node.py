@@ -30,8 +30,8 @@ from rosbags.highlevel import AnyReader
 
 from husky_bringup.definitions import message_class
 from husky_experiments.recordings.recording import Recording
-from husky_runtime import graph, qos
-from husky_runtime.nodes import stamps
+from husky_runtime import graph
+from husky_runtime.nodes import qos, stamps
 
 CMD_VEL = graph.absolute(graph.CMD_VEL)
 DIAGNOSTICS = graph.absolute(graph.DIAGNOSTICS)

@@ -28,7 +28,8 @@ from std_srvs.srv import Trigger
 
 from husky_msgs.msg import ControllerState, DriveStatus, DriveStatusArray
 from husky_msgs.srv import SetGait, SetMode
-from husky_runtime import graph, qos
+from husky_runtime import graph
+from husky_runtime.nodes import qos
 
 pytestmark = pytest.mark.graph
 

@@ -100,7 +100,7 @@ class Controller:
     def take_plan(self, plan: Plan) -> tuple[bool, str]:
         """Climb by a plan from now on; refuse one that is not for this robot, with the reason."""
         try:
-            self.climbing.take(plan)
+            self.climbing.follow(plan)
         except ValueError as error:
             self.counters.refused_requests += 1
             return False, str(error)
@@ -139,7 +139,7 @@ class Controller:
         c, body = self.context, self.context.body
         c.counters.ticks += 1
         body.refresh_parameters()
-        if not body.take(measurements):
+        if not body.accept(measurements):
             c.counters.bad_measurements += 1
             c.assist.reset()
             if self.present.active:
@@ -166,7 +166,7 @@ class Controller:
 
     def _output(self) -> JointCommand:
         self.hover.fade(TICK)
-        self.watch.tick(int(self.context.parameters["command.timeout"] / TICK + 1e-6))
+        self.watch.count(int(self.context.parameters["command.timeout"] / TICK + 1e-6))
         self._follow(self.present.tick(self.command))
         return self.context.safety.limit(self.command)
 

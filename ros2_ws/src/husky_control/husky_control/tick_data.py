@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 import numpy as np
 from numba import njit
 
-from husky_control.estimation.t265_pose import T265Pose
 from husky_control.kinematics import JOINTS
 from husky_description.arrays import Array
 from husky_description.gravity import GRAVITY
@@ -21,6 +20,11 @@ CYCLIC_POSITION = 8
 CYCLIC_VELOCITY = 9
 CYCLIC_TORQUE = 10
 
+GOOD_POSE_VARIANCE = 0.5
+"""Of the position, below which the camera says it tracks with medium confidence or better [m^2]."""
+FRESH_POSE = 0.1
+"""Age of a pose that may be flown with [s]."""
+
 
 @njit(cache=True)
 def _all_finite(a: Array, b: Array, c: Array, d: Array, e: Array, f: Array) -> bool:
@@ -30,6 +34,35 @@ def _all_finite(a: Array, b: Array, c: Array, d: Array, e: Array, f: Array) -> b
         for value in vector:
             total += value * 0.0  # nan for nan and for infinity
     return total == 0.0
+
+
+@dataclass(slots=True)
+class T265Pose:
+    """One message of the camera, as it came: of t265_link in t265_odom, twist in t265_link."""
+
+    stamp: float = -math.inf  # s
+    position: Array = field(default_factory=lambda: np.zeros(3))  # m
+    orientation: Array = field(default_factory=lambda: np.array([0.0, 0.0, 0.0, 1.0]))
+    velocity: Array = field(default_factory=lambda: np.zeros(3))  # m/s
+    angular_velocity: Array = field(default_factory=lambda: np.zeros(3))  # rad/s
+    variance: float = math.inf  # m^2, of the position
+
+    def copy_from(self, other: T265Pose) -> None:
+        """Copy the values of another one."""
+        self.stamp, self.variance = other.stamp, other.variance
+        self.position[:] = other.position
+        self.orientation[:] = other.orientation
+        self.velocity[:] = other.velocity
+        self.angular_velocity[:] = other.angular_velocity
+
+    def usable(self, time: float) -> bool:
+        """Return whether it is fresh at a time [s], confident and a number."""
+        return (
+            -FRESH_POSE < time - self.stamp < FRESH_POSE
+            and self.variance <= GOOD_POSE_VARIANCE
+            and bool(np.isfinite(self.position).all() and np.isfinite(self.orientation).all())
+            and bool(np.isfinite(self.velocity).all() and np.isfinite(self.angular_velocity).all())
+        )
 
 
 @dataclass(slots=True)
@@ -70,7 +103,7 @@ class Measurements:
             self.specific_force_base,
         )
 
-    def take(self, other: Measurements) -> None:
+    def copy_from(self, other: Measurements) -> None:
         """Copy the values of another one.
 
         Raises:
@@ -92,7 +125,7 @@ class Measurements:
         self.fans_limit = other.fans_limit
         self.fans_lost = other.fans_lost
         self.fans_yaw = other.fans_yaw
-        self.pose.take(other.pose)
+        self.pose.copy_from(other.pose)
 
 
 @dataclass(slots=True)

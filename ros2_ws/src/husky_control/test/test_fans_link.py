@@ -33,7 +33,7 @@ def known(milliseconds, *states, lockstep=True):
     for each in states:
         node.say(each)
     link.await_tick(milliseconds * MS)
-    link.take(milliseconds * MS, measurements)
+    link.fill(milliseconds * MS, measurements)
     return measurements
 
 

@@ -10,9 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from husky_control.estimation.t265_pose import BaseTracker, T265Pose
+from husky_control.estimation.t265_pose import BaseTracker
 from husky_control.flight.hover import AIRBORNE, Hover, HoverPhase
 from husky_control.flight.hover_gains import HoverGains
+from husky_control.tick_data import T265Pose
 from husky_description.robot import load_robot
 
 ROBOT = load_robot()

@@ -5,9 +5,9 @@ import math
 import pytest
 
 from husky_control.controller import Controller
-from husky_control.incline.plan_query import SLOPE_STEP, PlanQuery, next_query
 from husky_control.modes.table import Mode
 from husky_control.parameters import Parameters
+from husky_control.plan_query import SLOPE_STEP, PlanQuery, next_query
 from husky_description.robot import load_robot
 
 

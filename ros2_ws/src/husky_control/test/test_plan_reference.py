@@ -106,7 +106,7 @@ def test_the_climb_follows_the_plan_on_its_slope():
     for plan in (None, steady_plan(extra=(1.5, -0.5), further=0.03)):
         climbing = Climbing(robot, Parameters())
         if plan is not None:
-            climbing.take(plan)
+            climbing.follow(plan)
         climbing.begin(feet)
         climbing.incline.normals[:] = normal
         for _ in range(2000):

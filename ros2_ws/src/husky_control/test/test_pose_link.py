@@ -37,7 +37,7 @@ def taken(link, milliseconds):
     """The pose that a tick takes."""
     measurements = Measurements()
     link.await_tick(milliseconds * MS)
-    link.take(milliseconds * MS, measurements)
+    link.fill(milliseconds * MS, measurements)
     return measurements.pose
 
 

@@ -19,7 +19,7 @@ FEET, JACOBIANS = Kinematics(ROBOT).foot_positions_and_jacobians(STAND)
 def standing():
     parameters = Parameters()
     body = SensedBody(ROBOT, parameters)
-    assert body.take(Measurements(joint_position=STAND))
+    assert body.accept(Measurements(joint_position=STAND))
     return body, parameters
 
 
@@ -27,7 +27,7 @@ def test_what_is_not_finite_is_not_taken():
     body, _ = standing()
     bad = Measurements(joint_position=STAND + 0.1)
     bad.specific_force_base[1] = math.inf
-    assert not body.take(bad)
+    assert not body.accept(bad)
     np.testing.assert_array_equal(body.measurements.joint_position, STAND)
     np.testing.assert_allclose(body.foot_in_base, FEET)
 
@@ -53,7 +53,7 @@ def test_thresholds_shrink_with_the_load_and_stay_so_when_a_parameter_changes(ch
             m.joint_torque[3 * leg : 3 * leg + 3] = -JACOBIANS[leg].T @ (0.0, 0.0, newtons)
         for _ in range(200):
             body.refresh_parameters()
-            body.take(m)
+            body.accept(m)
             body.turn_ground(np.eye(3))
             body.feel_contacts(np.full(4, -1.0))
         return body.contacts.contact

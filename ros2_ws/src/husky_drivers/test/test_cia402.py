@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from husky_drivers.ethercat.cia402 import (
+from husky_drivers.cia402 import (
     COMMAND_OF_CONTROLWORD,
     COMMANDS,
     CONTROLWORD_TOWARD,

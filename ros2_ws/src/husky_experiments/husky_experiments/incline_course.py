@@ -1,4 +1,4 @@
-"""A course for climbing: flat approach, foot of the slope, slope; how the robot climbs it."""
+"""A course for climbing: flat approach, foot of the slope, slope; the parameters for it."""
 
 from __future__ import annotations
 
@@ -10,20 +10,14 @@ import numpy as np
 
 from husky_bringup.system import ParameterValue
 from husky_description.arrays import Array
-from husky_experiments.scripts import ready_fans, stand_up
-from husky_experiments.session import Session
 from husky_runtime import graph
 
 MOUNTINGS = {"vector": "vectoring", "body_z": "fixed"}
 """How the fans are mounted in each thrust mode."""
-_CLEAR = 0.5
+CLEAR = 0.5
 """Way past the foot of the slope after which all feet are on the straight [m]."""
 _RESERVE = 2.0
 """Length of the slope beyond what is walked [m]."""
-_LOW = 0.4
-"""Share of its height over the feet below which a climbing robot has fallen."""
-_CHECK = 0.2
-"""Between two looks at whether it has fallen [s]."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +85,7 @@ def course_for(
     slope_deg: float, way: float, friction: float, blend: float = Course.blend
 ) -> Course:
     """Return a course that is long enough for a way on the slope [m]; the blend is in m."""
-    length = max(2.0, way + _CLEAR + _RESERVE)
+    length = max(2.0, way + CLEAR + _RESERVE)
     return Course(slope_deg, blend=blend, length=length, friction=friction)
 
 
@@ -116,57 +110,3 @@ def climbing_settings(
         graph.PIXHAWK_BRIDGE: dict(mounting),
         graph.LOW_LEVEL_CONTROLLER: {"planner": True, **(controller or {}), **mounting},
     }
-
-
-def place(session: Session) -> Array:
-    """Return the true position of the base in world [m] (3,)."""
-    assert session.truth is not None
-    at = session.truth.pose.pose.position
-    return np.array([at.x, at.y, at.z])
-
-
-def has_fallen(session: Session, course: Course, stand_height: float = 0.5) -> bool:
-    """Return whether a climbing robot has fallen: given up, or its body down on the ground."""
-    state = session.state
-    if state is None or session.truth is None:
-        return False
-    stopped = state.mode in ("damping", "emergency_stop", "passive")
-    return stopped or course.height(place(session)) < _LOW * stand_height
-
-
-def get_ready(session: Session, *, fans: bool = True) -> None:
-    """Stand up, arm the fans, and enter the mode `wair`."""
-    stand_up(session)
-    if fans:
-        ready_fans(session)
-    session.set_mode("wair", reached="wair", within=1.0)
-
-
-def go(session: Session, course: Course, duration: float, speed: float) -> bool:
-    """Walk at a speed [m/s] for a while [s]; return whether the robot is on its legs still."""
-    session.set_velocity(speed)
-    end = session.time + duration
-    while session.time < end - 1e-9:
-        session.advance(min(_CHECK, end - session.time))
-        if has_fallen(session, course):
-            return False
-    return True
-
-
-def go_to(session: Session, course: Course, along: float, speed: float, within: float) -> bool:
-    """Walk at a speed [m/s], negative backwards, until the base is so far up the straight part [m],
-    negative before it; return whether it got there within a time [s].
-    """
-    end = session.time + within
-    while (course.along(place(session)) - along) * math.copysign(1.0, speed) < 0.0:
-        if session.time > end or not go(session, course, _CHECK, speed):
-            return False
-    return True
-
-
-def climb_onto(session: Session, course: Course, speed: float) -> bool:
-    """Walk from the flat until all feet are on the straight slope; return whether it got there."""
-    if course.slope_deg == 0.0:
-        return go(session, course, 3.0, speed)
-    way = _CLEAR - course.along(place(session))
-    return go_to(session, course, _CLEAR, speed, 5.0 + 3.0 * way / speed)

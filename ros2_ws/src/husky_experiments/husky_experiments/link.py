@@ -17,9 +17,10 @@ from rclpy.task import Future
 
 from husky_bringup.processes import Nodes, Processes
 from husky_bringup.system import NodeSpec
-from husky_runtime import graph, qos
-from husky_runtime.discovery import processes_of, servers, subscribers
+from husky_experiments.discovery import processes_of, servers, subscribers
+from husky_runtime import graph
 from husky_runtime.domain_locks import OccupiedError
+from husky_runtime.nodes import qos
 
 _START_PERIOD = 900.0
 """Wall time that the graph may take to come up [s]: the first time nodes compile, for which a

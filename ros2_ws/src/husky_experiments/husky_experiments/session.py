@@ -19,6 +19,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from husky_bringup.processes import Nodes
 from husky_bringup.system import NodeSpec, ParameterValue, simulated_robot
+from husky_experiments.discovery import subscribers
 from husky_experiments.hearing import HeardGraph
 from husky_experiments.link import ANSWER_PERIOD, SessionError
 from husky_msgs.srv import (
@@ -30,9 +31,8 @@ from husky_msgs.srv import (
     SetMode,
     StepWorld,
 )
-from husky_runtime import graph, qos
-from husky_runtime.discovery import subscribers
-from husky_runtime.nodes import stamps
+from husky_runtime import graph
+from husky_runtime.nodes import qos, stamps
 
 __all__ = ["Session", "SessionError"]
 

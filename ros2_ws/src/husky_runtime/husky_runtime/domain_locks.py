@@ -127,7 +127,7 @@ class Claims:
         self._environment = environment
         self._held: dict[str, int] = {}
 
-    def take(self, names: Iterable[str]) -> None:
+    def claim(self, names: Iterable[str]) -> None:
         """Claim all of these names, or none.
 
         Raises:

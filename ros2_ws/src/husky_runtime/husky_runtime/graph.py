@@ -120,7 +120,7 @@ class Topic:
         relative: its name below the robot's namespace.
         type: message type as the `ros2` command writes it.
         publishers: names of the nodes that publish it.
-        qos: name of the profile in `husky_runtime.qos`.
+        qos: name of the profile in `husky_runtime.nodes.qos`.
         rate: nominal rate in simulated time [Hz], 0 when it is sent on demand.
     """
 

@@ -88,24 +88,24 @@ def test_a_starter_gets_all_names_or_none(environment, monkeypatch) -> None:
     claims = Claims(environment)
     with holder(environment) as process:
         with pytest.raises(OccupiedError, match=rf"domain 7: plant \(process {process.pid}\)"):
-            claims.take(["drive_bridge", "plant"])
+            claims.claim(["drive_bridge", "plant"])
         another = Claims(environment)
-        another.take(["drive_bridge"])
+        another.claim(["drive_bridge"])
         another.give_up()
-    claims.take(["drive_bridge", "plant"])
+    claims.claim(["drive_bridge", "plant"])
     claims.give_up()
 
 
 def test_of_two_starters_one_gets_the_domain(environment) -> None:
     """Also before any of its nodes runs."""
     first, second = Claims(environment), Claims(environment)
-    first.take(["plant", "drive_bridge", "recorder"])
+    first.claim(["plant", "drive_bridge", "recorder"])
     with pytest.raises(OccupiedError) as refusal:
-        second.take(["vn200_driver", "plant"])
+        second.claim(["vn200_driver", "plant"])
     assert f"plant (started by process {os.getpid()})" in str(refusal.value)
     assert "vn200_driver" not in str(refusal.value)
     first.give_up(["plant"])
-    second.take(["plant", "recorder"])
+    second.claim(["plant", "recorder"])
     first.give_up()
     second.give_up()
 
@@ -114,8 +114,8 @@ def test_another_domain_is_free(environment) -> None:
     del environment[occupancy.VARIABLE]
     first = Claims({**environment, "ROS_DOMAIN_ID": "231"})
     second = Claims({**environment, "ROS_DOMAIN_ID": "232"})
-    first.take(["plant"])
-    second.take(["plant"])
+    first.claim(["plant"])
+    second.claim(["plant"])
     first.give_up()
     second.give_up()
 

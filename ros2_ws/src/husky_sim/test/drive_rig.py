@@ -5,8 +5,8 @@ import struct
 import numpy as np
 
 from husky_description.robot import load_robot
+from husky_drivers.cia402 import DriveState
 from husky_drivers.ethercat.bus import AlState
-from husky_drivers.ethercat.cia402 import DriveState
 from husky_sim.devices.drives.segment import SimulatedSegment
 
 TICK = 0.002

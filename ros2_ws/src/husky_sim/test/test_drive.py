@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from drive_rig import AXIS, JOINT, RATED, TICK, TORQUE, Rig
 
-from husky_drivers.ethercat.cia402 import DriveState
+from husky_drivers.cia402 import DriveState
 
 
 def test_identity_and_counters():

@@ -5,8 +5,8 @@ import math
 import pytest
 from drive_rig import AXIS, JOINT, RATED, ROBOT, TICK, Rig
 
+from husky_drivers.cia402 import DriveState
 from husky_drivers.ethercat.bus import AlState, SdoAbort
-from husky_drivers.ethercat.cia402 import DriveState
 
 
 def test_following_error_trips_after_its_time():

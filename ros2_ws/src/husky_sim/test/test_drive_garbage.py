@@ -16,8 +16,8 @@ from hypothesis.stateful import (
     rule,
 )
 
+from husky_drivers.cia402 import DriveState, decode_statusword
 from husky_drivers.ethercat.bus import AlState, SdoAbort
-from husky_drivers.ethercat.cia402 import DriveState, decode_statusword
 from husky_sim.devices.drives.drive import FAULTS
 from husky_sim.devices.drives.segment import SimulatedSegment
 

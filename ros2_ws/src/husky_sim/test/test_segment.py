@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from husky_description.robot import load_robot
+from husky_drivers.cia402 import DriveState
 from husky_drivers.ethercat.axes import settings_of
 from husky_drivers.ethercat.bus import Bus
-from husky_drivers.ethercat.cia402 import DriveState
 from husky_drivers.ethercat.master import Master
 from husky_drivers.joint_master.phase import Phase
 from husky_sim.devices.drives.motor import Servos

@@ -5,8 +5,8 @@ import time
 import pytest
 
 from husky_description.robot import load_robot
-from husky_drivers.t265.backend import SimBackend
 from husky_drivers.t265.link import CameraState, LinkConfig, T265Link
+from husky_drivers.t265.sim import SimBackend
 from husky_drivers.t265.wire import BAUD
 from husky_runtime.ports.pty_port import PtyPort
 from husky_sim.devices.t265.device import T265Device

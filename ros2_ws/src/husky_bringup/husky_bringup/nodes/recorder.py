@@ -27,8 +27,8 @@ from rosbags.interfaces import (
 from husky_bringup.bag import BagChannel, BagWriter
 from husky_bringup.definitions import Definitions, message_class
 from husky_bringup.nodes.topic_search import EVERYTHING, TopicSearch
-from husky_runtime import graph, qos
-from husky_runtime.nodes import diagnostics
+from husky_runtime import graph
+from husky_runtime.nodes import diagnostics, qos
 from husky_runtime.nodes.one_clock import OneClock
 from husky_runtime.nodes.parameters import declare
 from husky_runtime.nodes.run import run
@@ -126,7 +126,7 @@ class Recorder(OneClock, Node):
                 channel = self._bag.add(topic, to_rosbags(offered))
                 self._sources.append(self._subscribe(channel, offered, _FOUND_DEPTH))
 
-            self._search.take(topic, record)
+            self._search.begin(topic, record)
 
     def _subscribe(self, channel: BagChannel, offered: QoSProfile, depth: int) -> _Source:
         """Make a subscription that this node alone looks at."""

@@ -29,7 +29,8 @@ from husky_bringup.teleop_mapping import (
 from husky_bringup.terminal import Terminal
 from husky_msgs.msg import ControllerState, DriveStatusArray
 from husky_msgs.srv import SetGait, SetMode
-from husky_runtime import graph, qos
+from husky_runtime import graph
+from husky_runtime.nodes import qos
 from husky_runtime.nodes.one_clock import OneClock
 from husky_runtime.nodes.parameters import declare
 from husky_runtime.nodes.run import run

@@ -73,7 +73,7 @@ class TopicSearch:
             else:
                 yield graph.Topic(name, types[0], (), "", 0.0), profile
 
-    def take(self, topic: graph.Topic, record: Callable[[], None]) -> None:
+    def begin(self, topic: graph.Topic, record: Callable[[], None]) -> None:
         """Begin to record a topic, or note why that cannot be done."""
         try:
             record()

@@ -87,11 +87,11 @@ class SensedBody:
         """Attitude, base to world (3, 3), measured."""
         return self.measurements.rotation_base_in_world
 
-    def take(self, measurements: Measurements) -> bool:
+    def accept(self, measurements: Measurements) -> bool:
         """Take over what a tick measures; return False, and keep the last, if it is not finite."""
         # Copies: the kernels are compiled for these arrays, and the last good ones are kept.
         m = self._incoming
-        m.take(measurements)
+        m.copy_from(measurements)
         if not m.finite:
             return False
         self._incoming, self.measurements = self.measurements, m

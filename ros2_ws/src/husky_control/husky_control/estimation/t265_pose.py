@@ -7,7 +7,6 @@ a variance of the position: 0.01 m^2 high, 0.1 medium, 1 low, 10 failed.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -17,46 +16,14 @@ from husky_control.rotation import (
     wrap_angle,
     yaw_of,
 )
+from husky_control.tick_data import T265Pose
 from husky_description.arrays import Array
 from husky_description.robot import Robot
 
-GOOD_VARIANCE = 0.5
-"""Of the position, below which the camera says it tracks with medium confidence or better [m^2]."""
-FRESH = 0.1
-"""Age of a pose that may be flown with [s]."""
 JUMP_DISTANCE = 0.05
 """A pose this far from where the last one and its velocity lead has jumped [m]."""
 JUMP_ANGLE = 0.1
 """The same for the heading, compared with the IMU's [rad]."""
-
-
-@dataclass(slots=True)
-class T265Pose:
-    """One message of the camera, as it came: of t265_link in t265_odom, twist in t265_link."""
-
-    stamp: float = -math.inf  # s
-    position: Array = field(default_factory=lambda: np.zeros(3))  # m
-    orientation: Array = field(default_factory=lambda: np.array([0.0, 0.0, 0.0, 1.0]))
-    velocity: Array = field(default_factory=lambda: np.zeros(3))  # m/s
-    angular_velocity: Array = field(default_factory=lambda: np.zeros(3))  # rad/s
-    variance: float = math.inf  # m^2, of the position
-
-    def take(self, other: T265Pose) -> None:
-        """Copy the values of another one."""
-        self.stamp, self.variance = other.stamp, other.variance
-        self.position[:] = other.position
-        self.orientation[:] = other.orientation
-        self.velocity[:] = other.velocity
-        self.angular_velocity[:] = other.angular_velocity
-
-    def usable(self, time: float) -> bool:
-        """Return whether it is fresh at a time [s], confident and a number."""
-        return (
-            -FRESH < time - self.stamp < FRESH
-            and self.variance <= GOOD_VARIANCE
-            and bool(np.isfinite(self.position).all() and np.isfinite(self.orientation).all())
-            and bool(np.isfinite(self.velocity).all() and np.isfinite(self.angular_velocity).all())
-        )
 
 
 class BaseTracker:

@@ -15,10 +15,11 @@ from enum import Enum
 
 import numpy as np
 
-from husky_control.estimation.t265_pose import BaseTracker, T265Pose
+from husky_control.estimation.t265_pose import BaseTracker
 from husky_control.flight.hover_gains import HoverGains
 from husky_control.flight.wished_motion import WishedMotion
 from husky_control.slew import slewed
+from husky_control.tick_data import T265Pose
 from husky_description.arrays import Array
 from husky_description.fan import FanModel
 from husky_description.gravity import GRAVITY

@@ -64,7 +64,7 @@ class Sway:
         """Reach the goal in duration (s) from now."""
         self._remaining = duration
 
-    def tick(self, goal_x: float, goal_y: float, most: float, dt: float) -> None:
+    def move_towards(self, goal_x: float, goal_y: float, most: float, dt: float) -> None:
         """Move towards a goal (m) no further than most (m), by dt (s)."""
         length = math.hypot(goal_x, goal_y)
         scale = most / length if length > most else 1.0
@@ -99,7 +99,7 @@ class Hop:
         """Begin a stance at a height over the nominal (m) with a vertical speed (m/s)."""
         self._start_height, self._start_speed, self.end_speed = height, speed, end_speed
 
-    def tick(self, progress: float, stance_time: float) -> None:
+    def follow(self, progress: float, stance_time: float) -> None:
         """Height, speed and acceleration at a progress of the stance, 0 to 1."""
         s, t = min(1.0, max(0.0, progress)), stance_time
         h0, v0, v1 = self._start_height, self._start_speed * t, self.end_speed * t

@@ -13,7 +13,7 @@ import numpy as np
 from husky_control.gait.swing import SwingPaths, SwingShape, swing_feet
 from husky_control.gait.table import Gait, GaitClock
 from husky_control.kinematics import LEGS, LegTargets, forward_kinematics
-from husky_control.modes.posture import PostureMove
+from husky_control.posture import PostureMove
 from husky_description.arrays import Array
 
 if TYPE_CHECKING:

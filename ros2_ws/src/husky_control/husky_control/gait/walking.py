@@ -242,7 +242,7 @@ class Walking:
             way = math.hypot(shift * side[0] - sway.offset[0], shift * side[1] - sway.offset[1])
             # A quintic peaks at 5.77 way / time^2, and so far does it push the zero-moment point.
             sway.begin(math.sqrt(5.77 * way * lever / p["walk.sway_excursion"]))
-        sway.tick(shift * side[0], shift * side[1], p["walk.sway_limit"], dt)
+        sway.move_towards(shift * side[0], shift * side[1], p["walk.sway_limit"], dt)
         gate = p["walk.static_load_time"]
         if swinging or not gate < wait <= gate + 2.0 * dt:
             return False
@@ -280,7 +280,7 @@ class Walking:
                 body[:2] = velocity[:2] - np.minimum(most, np.maximum(-most, lag))
             height = gait.stance_height - self.ground.sink
             if gait.hop_speed > 0.0 and not self.clock.swinging[0]:
-                self._hop.tick(self.clock.stance_progress, self.clock.stance_time)
+                self._hop.follow(self.clock.stance_progress, self.clock.stance_time)
                 hop = self._hop.height
         else:
             self._sway.reset()

@@ -85,7 +85,7 @@ class Climbing:
         self._best = np.zeros(3)
         self._flowing = False
 
-    def take(self, plan: Plan) -> None:
+    def follow(self, plan: Plan) -> None:
         """Follow a plan from now on, near its slope.
 
         Raises:

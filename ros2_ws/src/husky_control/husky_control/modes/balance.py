@@ -28,7 +28,7 @@ from husky_control.kinematics import LEGS, Kinematics
 from husky_control.modes.balance_steps import BalanceStep, BalanceSteps, legs_of
 from husky_control.modes.behaviour import Behaviour, Event, Happening
 from husky_control.modes.context import ModeContext
-from husky_control.modes.posture import PostureMove
+from husky_control.posture import PostureMove
 from husky_control.rotation import tilt_of, wrap_angle, yaw_of
 from husky_control.slew import slewed
 from husky_control.tick_data import CYCLIC_POSITION, TICK, JointCommand

@@ -34,7 +34,7 @@ class CommandWatch:
         self._rested = not moving or (self._rested and stands)
         return wakes
 
-    def tick(self, patience: int) -> None:
+    def count(self, patience: int) -> None:
         """Count a tick; the command is silent after more than so many."""
         self.silent_ticks += 1
         self.silent = self.silent or self.silent_ticks > patience

@@ -17,7 +17,7 @@ from husky_control.incline.climbing import Climbing
 from husky_control.kinematics import Kinematics
 from husky_control.modes.command_watch import CommandWatch
 from husky_control.modes.morph_postures import MorphPostures
-from husky_control.modes.posture import Postures
+from husky_control.posture import Postures
 from husky_control.safety import Safety
 from husky_control.tick_data import Counters, JointCommand
 from husky_description.arrays import Array

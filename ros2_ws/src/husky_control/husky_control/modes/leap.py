@@ -16,7 +16,7 @@ from husky_control.flight.hover import HoverPhase
 from husky_control.kinematics import Kinematics
 from husky_control.modes.behaviour import Behaviour, Event, Happening
 from husky_control.modes.context import ModeContext
-from husky_control.modes.posture import PostureMove
+from husky_control.posture import PostureMove
 from husky_control.rotation import tilt_of, yaw_of
 from husky_control.tick_data import CYCLIC_POSITION, TICK, JointCommand
 from husky_description.fan import FanModel

@@ -6,7 +6,7 @@ import numpy as np
 
 from husky_control.modes.behaviour import Behaviour, Event, Happening
 from husky_control.modes.context import ModeContext
-from husky_control.modes.posture import PostureMove
+from husky_control.posture import PostureMove
 from husky_control.rotation import tilt_of
 from husky_control.tick_data import CYCLIC_POSITION, TICK, JointCommand
 from husky_description.gravity import GRAVITY

@@ -14,9 +14,9 @@ from husky_control.nodes.plan_link import PlanLink
 from husky_control.nodes.walk_markers import WalkMarkers
 from husky_control.tick_data import Measurements
 from husky_msgs.msg import ControllerState
-from husky_runtime import graph, qos
+from husky_runtime import graph
 from husky_runtime.lockstep import Presence
-from husky_runtime.nodes import diagnostics, stamps
+from husky_runtime.nodes import diagnostics, qos, stamps
 from husky_runtime.nodes.tick_clock import TickClock, percentile_ms
 
 REPORT_EVERY = 10

@@ -12,8 +12,8 @@ from husky_control.nodes.tick_input import TickInput
 from husky_control.tick_data import Measurements
 from husky_description.rotation import to_roll_pitch_yaw
 from husky_msgs.msg import PropulsionCommand, PropulsionState
-from husky_runtime import graph, qos
-from husky_runtime.nodes import stamps
+from husky_runtime import graph
+from husky_runtime.nodes import qos, stamps
 from husky_runtime.nodes.presence import make_peer
 
 COMMAND_PERIOD_NS = 10_000_000
@@ -56,7 +56,7 @@ class FansLink(TickInput[PropulsionState]):
     def _on_state(self, state: PropulsionState) -> None:
         self._keep(stamps.to_ns(state.stamp), state)
 
-    def take(self, time_ns: int, measurements: Measurements) -> None:
+    def fill(self, time_ns: int, measurements: Measurements) -> None:
         """Write what a tick of this time knows of the unit."""
         known = self._messages.known(time_ns - self._known_after_ns)
         m, state = measurements, known[1] if known is not None else _NOTHING_KNOWN

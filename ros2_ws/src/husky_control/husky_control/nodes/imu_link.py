@@ -14,7 +14,8 @@ from husky_control.nodes.imu_decoder import ImuSample, decode_imu
 from husky_control.nodes.tick_input import TickInput
 from husky_control.tick_data import Measurements
 from husky_description.arrays import Array
-from husky_runtime import graph, qos
+from husky_runtime import graph
+from husky_runtime.nodes import qos
 from husky_runtime.nodes.message_guard import Refused
 from husky_runtime.nodes.presence import make_peer
 
@@ -71,7 +72,7 @@ class ImuLink(TickInput[ImuSample]):
         if self._keep(sample.time_ns, sample):
             self._on_sample()
 
-    def take(self, time_ns: int, measurements: Measurements) -> None:
+    def fill(self, time_ns: int, measurements: Measurements) -> None:
         """Write the sample that a tick of this time uses, and its age."""
         samples = self._messages
         if self._lockstep:

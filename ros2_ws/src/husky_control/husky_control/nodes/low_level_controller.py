@@ -33,8 +33,8 @@ from husky_control.nodes.stamped_twist import StampedTwist
 from husky_control.tick_data import Measurements
 from husky_msgs.msg import DriveStatusArray, InclinePlan, JointCommand
 from husky_msgs.srv import SetGait, SetMode
-from husky_runtime import graph, qos
-from husky_runtime.nodes import diagnostics, stamps
+from husky_runtime import graph
+from husky_runtime.nodes import diagnostics, qos, stamps
 from husky_runtime.nodes.executor import WaitSetExecutor
 from husky_runtime.nodes.message_guard import refuser
 from husky_runtime.nodes.one_clock import OneClock
@@ -222,7 +222,7 @@ class LowLevelController(OneClock, Node):
         measurements.joint_torque[:] = state.effort
         measurements.drives_operational = self._operational
         for each in self._inputs:
-            each.take(now, measurements)
+            each.fill(now, measurements)
         if self._plans is not None:
             self._plans.tick(now, self._controller)
         command, message = self._controller.tick(measurements), self._command

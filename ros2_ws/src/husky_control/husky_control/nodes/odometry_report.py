@@ -14,8 +14,8 @@ from husky_control.modes.table import Mode
 from husky_control.rotation import yaw_of
 from husky_description.arrays import Array
 from husky_description.rotation import about_z, conjugate, multiply
-from husky_runtime import graph, qos
-from husky_runtime.nodes import stamps
+from husky_runtime import graph
+from husky_runtime.nodes import qos, stamps
 from husky_runtime.nodes.transforms import TransformTeller, declare_transforms
 
 _EDGES = ((graph.FRAME_ODOM, graph.FRAME_BASE), (graph.FRAME_BASE, graph.FRAME_FOOTPRINT))

@@ -8,8 +8,8 @@ from typing import Any
 from rclpy.node import Node
 
 from husky_control.controller import Controller
-from husky_control.incline.plan_query import PlanQuery, next_query
 from husky_control.nodes.plan_message import from_message
+from husky_control.plan_query import PlanQuery, next_query
 from husky_msgs.srv import PlanCycle
 from husky_runtime import graph
 from husky_runtime.lockstep import Presence

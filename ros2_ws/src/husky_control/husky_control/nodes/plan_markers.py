@@ -8,7 +8,8 @@ from scipy.spatial.transform import Rotation
 from visualization_msgs.msg import Marker, MarkerArray
 
 from husky_control.planning.plan import Plan
-from husky_runtime import graph, qos
+from husky_runtime import graph
+from husky_runtime.nodes import qos
 from husky_runtime.nodes.markers import (
     BLUE,
     FORCE_SCALE,

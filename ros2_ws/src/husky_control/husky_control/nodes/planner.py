@@ -22,8 +22,8 @@ from husky_description.robot import Robot
 from husky_msgs.action import PlanIncline
 from husky_msgs.msg import InclinePlan
 from husky_msgs.srv import PlanCycle
-from husky_runtime import graph, qos
-from husky_runtime.nodes import diagnostics
+from husky_runtime import graph
+from husky_runtime.nodes import diagnostics, qos
 from husky_runtime.nodes.one_clock import OneClock
 from husky_runtime.nodes.parameters import declare, declare_robot
 from husky_runtime.nodes.run import run

@@ -6,11 +6,10 @@ from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 
-from husky_control.estimation.t265_pose import T265Pose
 from husky_control.nodes.tick_input import TickInput
-from husky_control.tick_data import Measurements
-from husky_runtime import graph, qos
-from husky_runtime.nodes import stamps
+from husky_control.tick_data import Measurements, T265Pose
+from husky_runtime import graph
+from husky_runtime.nodes import qos, stamps
 from husky_runtime.nodes.presence import make_peer
 
 _DELAY_NS = 10_000_000
@@ -44,14 +43,14 @@ class PoseLink(TickInput[Odometry]):
     def _on_pose(self, pose: Odometry) -> None:
         self._keep(stamps.to_ns(pose.header.stamp), pose)
 
-    def take(self, time_ns: int, measurements: Measurements) -> None:
+    def fill(self, time_ns: int, measurements: Measurements) -> None:
         """Write the newest pose that a tick of this time knows, if there is a newer one."""
         poses = self._messages
         known = poses.known(time_ns - _DELAY_NS) if self._lockstep else poses.newest()
         if known is not None and known[1] is not self._copied:
             self._copied = known[1]
             _copy(self._copied, self._pose)
-        measurements.pose.take(self._pose)
+        measurements.pose.copy_from(self._pose)
 
     def restart(self, time_ns: int) -> None:
         """The world starts again: poses of before are of another time."""

@@ -16,7 +16,8 @@ from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.utilities import try_shutdown
 
-from husky_runtime import graph, qos
+from husky_runtime import graph
+from husky_runtime.nodes import qos
 from husky_runtime.nodes.executor import HeldSubscription, WaitSetExecutor
 from husky_runtime.nodes.message_guard import Refused
 

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from husky_drivers.cia402 import DriveState, OperationMode
 from husky_drivers.dynamixel import control_table as table
 from husky_drivers.dynamixel.chain import ServoChain
 from husky_drivers.dynamixel.commissioning import GARBLED, commission
@@ -21,7 +22,6 @@ from husky_drivers.dynamixel.readings import ServoReadings
 from husky_drivers.dynamixel.settings import ServoSettings
 from husky_drivers.dynamixel.troubles import ServoTroubles
 from husky_drivers.dynamixel.units import ServoUnits
-from husky_drivers.ethercat.cia402 import DriveState, OperationMode
 from husky_drivers.joint_master.commanded_master import AxisStatus, CommandedMaster
 from husky_drivers.joint_master.phase import Phase
 from husky_runtime import graph

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from husky_description.arrays import Array
 from husky_description.robot import Robot
+from husky_drivers.cia402 import STATE_OF_STATUSWORD, OperationMode
 from husky_drivers.ethercat import pdo
-from husky_drivers.ethercat.cia402 import STATE_OF_STATUSWORD, OperationMode
 from husky_drivers.joint_master.settings import JointSettings, ranges_of
 
 GREATEST_KP, GREATEST_KD = 1000.0, 50.0

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from husky_description.arrays import Array
+from husky_drivers.cia402 import DriveState, OperationMode, error_name
 from husky_drivers.ethercat.axes import AxisSettings, ProcessData
 from husky_drivers.ethercat.bus import AlState, Bus
-from husky_drivers.ethercat.cia402 import DriveState, OperationMode, error_name
 from husky_drivers.ethercat.commissioning import check_al_states, commission, read_mode, write_gains
 from husky_drivers.ethercat.phases import DrivePhases
 from husky_drivers.ethercat.report import describe, why_incomplete

@@ -11,8 +11,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from husky_drivers.cia402 import CONTROLWORD_TOWARD, CONTROLWORDS, DriveCommand, DriveState
 from husky_drivers.ethercat.axes import AxisSettings
-from husky_drivers.ethercat.cia402 import CONTROLWORD_TOWARD, CONTROLWORDS, DriveCommand, DriveState
 from husky_drivers.joint_master.phase import Phase, PhaseMachine
 
 _RESET = CONTROLWORDS[DriveCommand.FAULT_RESET]

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from husky_drivers.cia402 import DriveState, error_name
 from husky_drivers.ethercat.axes import AxisSettings
 from husky_drivers.ethercat.bus import AlState, Bus
-from husky_drivers.ethercat.cia402 import DriveState, error_name
 from husky_drivers.ethercat.commissioning import describe_code
 
 

@@ -12,7 +12,7 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 
 from husky_description.arrays import Array
-from husky_drivers.ethercat.cia402 import DriveState, OperationMode
+from husky_drivers.cia402 import DriveState, OperationMode
 from husky_drivers.joint_master.phase import Phase, PhaseMachine
 from husky_drivers.joint_master.settings import CYCLIC_MODES, JointSettings, why_refused
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from husky_description.arrays import Array
 from husky_description.robot import Robot
-from husky_drivers.ethercat.cia402 import OperationMode
+from husky_drivers.cia402 import OperationMode
 
 POSITION_MARGIN = 0.05
 """How far a position command may lie beyond the joints' range [rad]: a joint at its stop must be

@@ -24,9 +24,9 @@ from husky_drivers.nodes.joint_report import JointReport, joint_status
 from husky_drivers.nodes.pacer import Pacer
 from husky_drivers.nodes.robot_state import RobotState
 from husky_msgs.msg import DriveStatusArray, JointCommand
-from husky_runtime import graph, qos
+from husky_runtime import graph
 from husky_runtime.lockstep import Exchange, Heard
-from husky_runtime.nodes import diagnostics, stamps
+from husky_runtime.nodes import diagnostics, qos, stamps
 from husky_runtime.nodes.executor import executor_of
 from husky_runtime.nodes.message_guard import Refused
 from husky_runtime.nodes.one_clock import OneClock

@@ -17,8 +17,8 @@ from rclpy.timer import Timer
 from rosgraph_msgs.msg import Clock
 
 from husky_drivers.ethercat.bus import Bus
-from husky_runtime import graph, qos
-from husky_runtime.nodes import stamps
+from husky_runtime import graph
+from husky_runtime.nodes import qos, stamps
 from husky_runtime.nodes.message_guard import refuser
 from husky_runtime.stamp_gate import StampGate, Turn
 

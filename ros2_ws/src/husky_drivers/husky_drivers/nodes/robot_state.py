@@ -9,7 +9,8 @@ from std_msgs.msg import String
 
 from husky_description.arrays import Array
 from husky_description.link_frames import LinkFrames
-from husky_runtime import graph, qos
+from husky_runtime import graph
+from husky_runtime.nodes import qos
 from husky_runtime.nodes.transforms import (
     TRANSFORM_PERIOD_NS,
     TransformTeller,

@@ -10,13 +10,14 @@ from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 
 from husky_description.link_frames import transform_of
 from husky_drivers.nodes.clock_parameters import declare_clock
-from husky_drivers.t265.backend import BACKENDS, BackendError, T265Backend, make_backend
+from husky_drivers.t265.backend import BackendError, T265Backend
+from husky_drivers.t265.choice import BACKENDS, make_backend
 from husky_drivers.t265.frames import Confidence, PoseFrame, covariance, odometry
 from husky_drivers.t265.gate import JumpLimits
 from husky_drivers.t265.link import CameraState, LinkConfig, T265Link
 from husky_drivers.vn200.clock import HostClock
-from husky_runtime import graph, qos
-from husky_runtime.nodes import diagnostics
+from husky_runtime import graph
+from husky_runtime.nodes import diagnostics, qos
 from husky_runtime.nodes.device_node import DeviceNode
 from husky_runtime.nodes.parameters import declare, declare_robot
 from husky_runtime.nodes.patched_message import PatchedMessage

@@ -14,8 +14,8 @@ from husky_drivers.vn200.clock import HostClock
 from husky_drivers.vn200.imu import ImuFigures, Values
 from husky_drivers.vn200.link import Vn200Link
 from husky_drivers.vn200.session import SessionConfig, SessionState
-from husky_runtime import graph, qos
-from husky_runtime.nodes import diagnostics
+from husky_runtime import graph
+from husky_runtime.nodes import diagnostics, qos
 from husky_runtime.nodes.device_node import DeviceNode
 from husky_runtime.nodes.parameters import declare, declare_robot
 from husky_runtime.nodes.patched_message import PatchedMessage

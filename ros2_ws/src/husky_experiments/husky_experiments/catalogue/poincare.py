@@ -9,15 +9,8 @@ import numpy as np
 
 from husky_control.gait.stability import fit_return_map
 from husky_control.gait.table import GAITS
-from husky_experiments.incline_course import (
-    Course,
-    climb_onto,
-    climbing_settings,
-    course_for,
-    get_ready,
-    go,
-    has_fallen,
-)
+from husky_experiments.climb_scripts import climb_onto, get_ready, go, has_fallen
+from husky_experiments.incline_course import Course, climbing_settings, course_for
 from husky_experiments.metrics import walking as metrics
 from husky_experiments.metrics.incline import climb_summary
 from husky_experiments.metrics.poincare_section import (

@@ -7,18 +7,8 @@ import argparse
 import numpy as np
 
 from husky_bringup.system import ParameterValue
-from husky_experiments.incline_course import (
-    MOUNTINGS,
-    Course,
-    climb_onto,
-    climbing_settings,
-    course_for,
-    get_ready,
-    go,
-    go_to,
-    has_fallen,
-    place,
-)
+from husky_experiments.climb_scripts import climb_onto, get_ready, go, go_to, has_fallen, place
+from husky_experiments.incline_course import MOUNTINGS, Course, climbing_settings, course_for
 from husky_experiments.metrics.incline import climb_summary, worst_tilt_deg
 from husky_experiments.run import Run
 from husky_experiments.scripts import sit_down

@@ -6,14 +6,9 @@ import argparse
 from collections.abc import Mapping
 
 from husky_experiments.catalogue.wair import load_slope
+from husky_experiments.climb_scripts import climb_onto, get_ready, go
 from husky_experiments.figures.incline import friction_map
-from husky_experiments.incline_course import (
-    climb_onto,
-    climbing_settings,
-    course_for,
-    get_ready,
-    go,
-)
+from husky_experiments.incline_course import climbing_settings, course_for
 from husky_experiments.run import Run
 from husky_experiments.session import SessionError
 

@@ -6,15 +6,10 @@ import argparse
 
 import numpy as np
 
+from husky_experiments.climb_scripts import climb_onto, get_ready, go
 from husky_experiments.figures import incline as figure_incline
 from husky_experiments.figures.incline import Climb
-from husky_experiments.incline_course import (
-    climb_onto,
-    climbing_settings,
-    course_for,
-    get_ready,
-    go,
-)
+from husky_experiments.incline_course import climbing_settings, course_for
 from husky_experiments.metrics.incline import climb_summary
 from husky_experiments.run import SCENE_FILE, Run
 

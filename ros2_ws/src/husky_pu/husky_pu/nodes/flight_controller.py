@@ -23,9 +23,9 @@ from husky_pu.autopilot.state import Severity
 from husky_pu.nodes.flight_controller_parameters import declare_autopilot, declare_memory
 from husky_pu.nodes.flight_controller_ports import FlightControllerPorts
 from husky_pu.radio import sbus
-from husky_runtime import graph, qos
+from husky_runtime import graph
 from husky_runtime.lockstep import Peer, Presence
-from husky_runtime.nodes import diagnostics, stamps
+from husky_runtime.nodes import diagnostics, qos, stamps
 from husky_runtime.nodes.message_guard import refuser
 from husky_runtime.nodes.one_clock import OneClock
 from husky_runtime.nodes.parameters import declare

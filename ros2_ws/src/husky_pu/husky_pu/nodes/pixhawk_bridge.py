@@ -22,8 +22,8 @@ from husky_pu.nodes.pixhawk_messages import battery_message, state_message, thru
 from husky_pu.nodes.pixhawk_parameters import declare_config, declare_limits
 from husky_pu.nodes.pixhawk_report import PixhawkReport
 from husky_pu.nodes.thrust_markers import ThrustMarkers
-from husky_runtime import graph, qos
-from husky_runtime.nodes import diagnostics
+from husky_runtime import graph
+from husky_runtime.nodes import diagnostics, qos
 from husky_runtime.nodes.device_node import DeviceNode
 from husky_runtime.nodes.executor import executor_of
 from husky_runtime.nodes.parameters import declare, declare_mounting, declare_robot

@@ -15,8 +15,8 @@ from sensor_msgs.msg import Joy
 from husky_pu.radio.rc_mapping import JOY_PLACES, FrameSchedule, JoyLayout, JoyQueue, RcMapping
 from husky_pu.radio.sbus import encode
 from husky_pu.radio.sbus_line import SbusLine
-from husky_runtime import graph, qos
-from husky_runtime.nodes import diagnostics, stamps
+from husky_runtime import graph
+from husky_runtime.nodes import diagnostics, qos, stamps
 from husky_runtime.nodes.message_guard import refuser
 from husky_runtime.nodes.one_clock import OneClock
 from husky_runtime.nodes.parameters import declare

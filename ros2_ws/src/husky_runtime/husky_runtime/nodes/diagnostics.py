@@ -7,7 +7,8 @@ from collections.abc import Callable, Mapping
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
-from husky_runtime import graph, qos
+from husky_runtime import graph
+from husky_runtime.nodes import qos
 from husky_runtime.nodes.parameters import declare
 
 OK = DiagnosticStatus.OK

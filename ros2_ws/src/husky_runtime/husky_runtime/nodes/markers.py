@@ -10,7 +10,8 @@ from rclpy.node import Node
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
-from husky_runtime import graph, qos
+from husky_runtime import graph
+from husky_runtime.nodes import qos
 from husky_runtime.nodes.patched_message import PatchedMessage
 from husky_runtime.pace import Pace
 

@@ -10,8 +10,8 @@ from rclpy.publisher import Publisher
 from tf2_msgs.msg import TFMessage
 
 from husky_description.link_frames import Edge, inverse
-from husky_runtime import graph, qos
-from husky_runtime.nodes import stamps
+from husky_runtime import graph
+from husky_runtime.nodes import qos, stamps
 from husky_runtime.nodes.parameters import declare
 from husky_runtime.nodes.patched_message import PatchedMessage
 from husky_runtime.pace import Pace

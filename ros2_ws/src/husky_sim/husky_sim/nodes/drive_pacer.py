@@ -9,8 +9,8 @@ from rosgraph_msgs.msg import Clock
 from husky_drivers.nodes.pacer import BridgeCycle, StreamPacer
 from husky_msgs.msg import ServoCommand, ServoState
 from husky_msgs.srv import InjectFault
-from husky_runtime import graph, qos
-from husky_runtime.nodes import stamps
+from husky_runtime import graph
+from husky_runtime.nodes import qos, stamps
 from husky_sim.devices.drives.segment import SERVO_COMMAND, SimulatedSegment
 
 

@@ -7,8 +7,8 @@ from collections.abc import Callable
 from rclpy.node import Node
 
 from husky_msgs.msg import ServoCommand, ServoState
-from husky_runtime import graph, qos
-from husky_runtime.nodes import stamps
+from husky_runtime import graph
+from husky_runtime.nodes import qos, stamps
 from husky_runtime.nodes.message_guard import Refused
 from husky_sim.devices.drives.motor import Servos
 from husky_sim.nodes.answered_wire import JointWires, peer_of

@@ -9,8 +9,8 @@ from rclpy.node import Node
 from husky_description.arrays import Array
 from husky_description.rotation import conjugate, multiply, rotate, to_rotation_vector
 from husky_msgs.msg import EstimateError, FootContacts
-from husky_runtime import graph, qos
-from husky_runtime.nodes import stamps
+from husky_runtime import graph
+from husky_runtime.nodes import qos, stamps
 from husky_runtime.nodes.transforms import SeenFrom, declare_transforms
 from husky_sim.world import World
 

@@ -9,8 +9,8 @@ from rclpy.node import Node
 from rclpy.subscription import Subscription
 
 from husky_msgs.msg import FanCommand, FanState, FlightSensors
-from husky_runtime import graph, qos
-from husky_runtime.nodes import stamps
+from husky_runtime import graph
+from husky_runtime.nodes import qos, stamps
 from husky_runtime.nodes.presence import make_peer
 from husky_sim.devices.t265.device import T265Device
 from husky_sim.nodes.answered_wire import AnsweredWire

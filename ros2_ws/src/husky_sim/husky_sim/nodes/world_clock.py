@@ -10,8 +10,8 @@ from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 
 from husky_description.arrays import Array
-from husky_runtime import graph, qos
-from husky_runtime.nodes import stamps
+from husky_runtime import graph
+from husky_runtime.nodes import qos, stamps
 
 _REPEAT_PERIOD = 0.1
 """Wall time after which the time of a world that stands still is told again [s]."""

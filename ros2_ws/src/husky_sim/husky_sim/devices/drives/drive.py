@@ -12,9 +12,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from husky_drivers.cia402 import DriveState, OperationMode
 from husky_drivers.ethercat import objects as od
 from husky_drivers.ethercat.bus import AL_ERROR, GOLD_TWITTER, AlState, SdoAbort
-from husky_drivers.ethercat.cia402 import DriveState, OperationMode
 from husky_drivers.ethercat.pdo import MAPPINGS, RX_ASSIGNMENT, TX_ASSIGNMENT
 from husky_sim.devices.drives import drive_cycle
 

@@ -4,7 +4,7 @@ A drive is one record of `drive_record.DRIVE`; the kernels walk over all of them
 drive's own: encoder counts, counts/s, amperes, seconds. A tick is `advance` (the drive's own time
 passes and it looks at its motor), then `process_frame` (a frame passes through), then
 `power_stages` (what the power stages do until the next tick). The state machine is the table of
-`husky_drivers.ethercat.cia402`; here stand the things a table cannot say: slow-downs, protections,
+`husky_drivers.cia402`; here stand the things a table cannot say: slow-downs, protections,
 what is refused.
 """
 
@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from husky_drivers.ethercat.bus import AL_ERROR, AlState
-from husky_drivers.ethercat.cia402 import (
+from husky_drivers.cia402 import (
     STATUSWORDS,
     Control,
     DriveCommand,
@@ -24,6 +23,7 @@ from husky_drivers.ethercat.cia402 import (
     OperationMode,
     Status,
 )
+from husky_drivers.ethercat.bus import AL_ERROR, AlState
 from husky_drivers.ethercat.pdo import STO_RELEASED
 from husky_sim.devices.drives.servo_law import OFF, POSITION, TORQUE, VELOCITY
 

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from husky_description.robot import Robot, load_robot
+from husky_drivers.cia402 import COMMAND_OF_CONTROLWORD, NEXT_STATE, DriveState
 from husky_drivers.ethercat import pdo
 from husky_drivers.ethercat.bus import GOLD_TWITTER, AlState, Emergency, Identity, SdoAbort
-from husky_drivers.ethercat.cia402 import COMMAND_OF_CONTROLWORD, NEXT_STATE, DriveState
 from husky_sim.devices.drives import drive_cycle
 from husky_sim.devices.drives.drive import SimulatedDrive
 from husky_sim.devices.drives.drive_record import DRIVE

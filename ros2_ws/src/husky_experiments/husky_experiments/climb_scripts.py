@@ -1,0 +1,71 @@
+"""How the robot climbs a course, step by step."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from husky_description.arrays import Array
+from husky_experiments.incline_course import CLEAR, Course
+from husky_experiments.scripts import ready_fans, stand_up
+from husky_experiments.session import Session
+
+_LOW = 0.4
+"""Share of its height over the feet below which a climbing robot has fallen."""
+_CHECK = 0.2
+"""Between two looks at whether it has fallen [s]."""
+
+
+def place(session: Session) -> Array:
+    """Return the true position of the base in world [m] (3,)."""
+    assert session.truth is not None
+    at = session.truth.pose.pose.position
+    return np.array([at.x, at.y, at.z])
+
+
+def has_fallen(session: Session, course: Course, stand_height: float = 0.5) -> bool:
+    """Return whether a climbing robot has fallen: given up, or its body down on the ground."""
+    state = session.state
+    if state is None or session.truth is None:
+        return False
+    stopped = state.mode in ("damping", "emergency_stop", "passive")
+    return stopped or course.height(place(session)) < _LOW * stand_height
+
+
+def get_ready(session: Session, *, fans: bool = True) -> None:
+    """Stand up, arm the fans, and enter the mode `wair`."""
+    stand_up(session)
+    if fans:
+        ready_fans(session)
+    session.set_mode("wair", reached="wair", within=1.0)
+
+
+def go(session: Session, course: Course, duration: float, speed: float) -> bool:
+    """Walk at a speed [m/s] for a while [s]; return whether the robot is on its legs still."""
+    session.set_velocity(speed)
+    end = session.time + duration
+    while session.time < end - 1e-9:
+        session.advance(min(_CHECK, end - session.time))
+        if has_fallen(session, course):
+            return False
+    return True
+
+
+def go_to(session: Session, course: Course, along: float, speed: float, within: float) -> bool:
+    """Walk at a speed [m/s], negative backwards, until the base is so far up the straight part [m],
+    negative before it; return whether it got there within a time [s].
+    """
+    end = session.time + within
+    while (course.along(place(session)) - along) * math.copysign(1.0, speed) < 0.0:
+        if session.time > end or not go(session, course, _CHECK, speed):
+            return False
+    return True
+
+
+def climb_onto(session: Session, course: Course, speed: float) -> bool:
+    """Walk from the flat until all feet are on the straight slope; return whether it got there."""
+    if course.slope_deg == 0.0:
+        return go(session, course, 3.0, speed)
+    way = CLEAR - course.along(place(session))
+    return go_to(session, course, CLEAR, speed, 5.0 + 3.0 * way / speed)
