@@ -28,8 +28,6 @@ from husky_runtime.nodes.presence import default_serial_port
 from husky_runtime.nodes.run import run
 from husky_runtime.ports.port_thread import PORT_ERRORS
 
-_LIVE_PATIENCE = 0.02
-"""Wall time that an answer may take where the bus has a time of its own [s]."""
 _RETRY_PERIOD = 0.05
 """Wall time between two attempts to open a line that is not there [s]."""
 
@@ -44,8 +42,17 @@ class ServoBridge(JointBridge[ServoMaster]):
         options, servo = self.options, self.options.robot.bus_servo
         default = default_serial_port(self, "servos")
         path = declare(self, "port", default, "serial port of the servo bus")
-        # A simulated answer comes when it can.
-        patience = 0.6 * options.grace if options.lockstep else _LIVE_PATIENCE
+        patience = declare(
+            self,
+            "answer_patience",
+            0.02,
+            "wall time that an answer of the servos may take beyond its bytes' own; in lockstep "
+            "0.6 of `grace`, as a simulated answer comes when it can [s]",
+            0.001,
+            1.0,
+        )
+        if options.lockstep:
+            patience = 0.6 * options.grace
         chain = ServoChain(DynamixelPort(path, servo.baud_rate, patience))
         master = ServoMaster(chain, servo_settings(options.robot, servo, options.command_timeout))
         self._on_robot = options.pace == "hardware"
