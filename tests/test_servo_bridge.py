@@ -1,5 +1,7 @@
 """The process `servo_bridge` against emulated servos on a pseudo-terminal."""
 
+import time
+
 import numpy as np
 import pytest
 
@@ -39,6 +41,7 @@ class Bench(DeviceBench):
         target: commanded joint positions [rad] (12,), None for no commands.
         mode: of the commands while the servos follow.
         lands: it goes on so when they do not; else it damps, as the controller does on the ground.
+        lag: wall time by which the servos' answers are late [s].
         joints: the newest joint states.
         status: the newest status.
     """
@@ -48,7 +51,7 @@ class Bench(DeviceBench):
         self.bus = EmulatedServoBus(ROBOT.bus_servo, ROBOT.joint_names, self.motors)
         self.position, self.velocity = np.array(ROBOT.stand_joint_position), np.zeros(12)
         self.target, self.mode = np.array(ROBOT.stand_joint_position), 8
-        self.lands = False
+        self.lands, self.lag = False, 0.0
         self.time_ns = self.answered_ns = self.held_up = 0
         self.joints, self.status = None, None
         self.clock, self.now = None, Clock()
@@ -78,6 +81,7 @@ class Bench(DeviceBench):
         self.time_ns += graph.TICK_PERIOD_NS
         stamps.fill(self.now.clock, self.time_ns)
         self.clock.publish(self.now)
+        time.sleep(self.lag)
         self.port.service(self.bus)
 
     def _waits(self):
@@ -211,6 +215,19 @@ def test_a_damaged_answer_now_and_then_is_counted_and_survived(enabled):
     enabled.wait(lambda: enabled.status.short_cycles > before + 3, "damaged answers")
     assert enabled.status.operational
     enabled.wait_for_report(lambda s: s.level == DiagnosticStatus.OK, "a report")
+
+
+def test_an_answer_within_the_patience_is_not_missed(enabled):
+    """Later than the 20 ms that a bridge waits which is not told otherwise."""
+    before, end = enabled.status.short_cycles, enabled.time_ns + 20 * graph.TICK_PERIOD_NS
+    enabled.lag = 0.05
+    try:
+        enabled.wait(lambda: enabled.answered_ns > end, "joint states")
+    finally:
+        enabled.lag = 0.0
+    enabled.status = None
+    enabled.wait(lambda: enabled.status, "a status")
+    assert enabled.status.operational and enabled.status.short_cycles == before
 
 
 def test_without_commands_servos_lose_torque(enabled):

@@ -42,7 +42,7 @@ class ServoBridge(JointBridge[ServoMaster]):
         options, servo = self.options, self.options.robot.bus_servo
         default = default_serial_port(self, "servos")
         path = declare(self, "port", default, "serial port of the servo bus")
-        patience = declare(
+        live = declare(
             self,
             "answer_patience",
             0.02,
@@ -51,8 +51,7 @@ class ServoBridge(JointBridge[ServoMaster]):
             0.001,
             1.0,
         )
-        if options.lockstep:
-            patience = 0.6 * options.grace
+        patience = 0.6 * options.grace if options.lockstep else live
         chain = ServoChain(DynamixelPort(path, servo.baud_rate, patience))
         master = ServoMaster(chain, servo_settings(options.robot, servo, options.command_timeout))
         self._on_robot = options.pace == "hardware"
