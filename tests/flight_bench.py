@@ -49,6 +49,7 @@ class FlightBench(NodeBench):
         message.magnetic_field = [0.21, 0.0, 0.43]
         message.pressure = 101325.0
         message.battery_voltage, message.battery_current = VOLTAGE, 2.0
+        message.fan_speed = message.fan_current = [0.0] * 4
         self.publisher.publish(message)
 
     @property

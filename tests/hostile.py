@@ -18,6 +18,7 @@ from rosidl_parser.definition import (
     AbstractString,
     Array,
     BasicType,
+    BoundedSequence,
 )
 from sensor_msgs.msg import JointState
 
@@ -36,6 +37,10 @@ def genuine(message_type: Any) -> Any:
         message.position = message.velocity = message.effort = [0.1] * 12
     if isinstance(message, DriveStatusArray):
         message.drives = [DriveStatus() for _ in range(12)]
+    for name, slot in zip(message.get_fields_and_field_types(), message.SLOT_TYPES, strict=True):
+        if isinstance(slot, BoundedSequence):  # of the fans: our messages have no other
+            nothing = {"boolean": False, "double": 0.0}.get(slot.value_type.typename, 0)
+            setattr(message, name, [nothing] * 4)
     if isinstance(getattr(message, "orientation", None), np.ndarray):
         message.orientation[3] = 1.0
     return message
@@ -104,7 +109,8 @@ def _wrong_lists(slot: Any, value: Any) -> Iterator[tuple[str, Any]]:
     if not isinstance(slot, Array) and entries:
         yield "none", []
         yield "one short", entries[:-1]
-        yield "5000", entries[:1] * 5000
+        most = slot.maximum_size if isinstance(slot, BoundedSequence) else 5000
+        yield f"{most}", entries[:1] * most  # more cannot be put on the wire
 
 
 # What Hypothesis makes of a definition ------------------------------------------------------------

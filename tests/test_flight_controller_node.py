@@ -7,7 +7,10 @@ from node_bench import every, values_of
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import common as mavlink
 
+from husky_msgs.msg import FlightSensors
 from husky_pu.radio.sbus import encode, frame_of_pulses
+from husky_runtime import graph
+from husky_runtime.nodes import stamps
 
 pytestmark = pytest.mark.graph
 
@@ -86,6 +89,19 @@ def test_a_ground_station_over_udp(world):
     ack = world.heard("COMMAND_ACK")
     assert ack.result == mavlink.MAV_RESULT_ACCEPTED
     assert world.heard("HEARTBEAT").base_mode & 128
+
+
+def test_sensors_of_another_number_of_fans_are_refused_and_told(world):
+    world.tick(5)
+    tick = world.answered_ns
+    for speeds, currents in (([], []), ([0.0] * 3, [0.0] * 4), ([0.0] * 4, [0.0] * 6)):
+        wrong = FlightSensors(fan_speed=speeds, fan_current=currents)
+        wrong.specific_force = [0.0, 0.0, -9.81]
+        stamps.fill(wrong.stamp, tick + graph.TICK_PERIOD_NS)
+        world.publisher.publish(wrong)
+    world.wait(lambda: "values, it must be 4" in world.said(), "a word about it")
+    assert world.answered_ns == tick
+    world.tick(5)
 
 
 def test_serial_line_and_radio(world):

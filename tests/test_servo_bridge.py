@@ -282,6 +282,7 @@ def test_a_bridge_that_dies_leaves_servos_that_stop_by_themselves(enabled):
 def test_bad_parameters_end_it_with_a_sentence():
     for parameters, words in (
         ({"time": "sundial"}, "parameter time is 'sundial'"),
-        ({"robot": "carbon"}, "parameter robot is 'carbon', it must be one of beta"),
+        ({"robot": "carbon"}, "robot is 'carbon' with actuation 'drives', it must be one of beta"),
+        ({"robot": "gamma"}, "robot is 'gamma', it must be one of carbon, beta or the path"),
     ):
         assert_refused(MODULE, words, **parameters)

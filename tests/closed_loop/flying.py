@@ -18,8 +18,8 @@ from husky_pu.autopilot.airframe import airframe_parameters
 from husky_pu.autopilot.autopilot import Autopilot, AutopilotConfig
 from husky_pu.autopilot.failsafes import FlightMode
 from husky_pu.autopilot.imu import SensorSample
-from husky_pu.autopilot.posture_mixer import mixer_of
 from husky_pu.autopilot.setpoints import AttitudeSetpoint
+from husky_pu.autopilot.weighted_mixer import mixer_of
 from husky_pu.mavlink.axes import mavlink_attitude
 from husky_sim.devices.t265.device import T265Device
 from husky_sim.propulsion.fans_in_world import FansInWorld
@@ -125,9 +125,9 @@ class FlyingRobot(InProcessRobot):
         gear: flight controller and camera.
     """
 
-    def __init__(self, seed: int = 0):
-        """Power everything on."""
-        robot = load_robot(payload_mass=PAYLOAD)
+    def __init__(self, seed: int = 0, robot: Robot | None = None):
+        """Power everything on; Carbon by default, with `PAYLOAD`."""
+        robot = robot or load_robot(payload_mass=PAYLOAD)
         super().__init__(WorldOptions(seed=seed, body=BODY), robot)
         self.gear = FlightGear(robot, BODY, seed)
         self.autopilot = self.gear.autopilot

@@ -77,7 +77,10 @@ def leave_out(specs: Sequence[NodeSpec], names: Sequence[str]) -> tuple[NodeSpec
 def add_robot_options(parser: argparse.ArgumentParser) -> None:
     """Declare what says which robot it is, and its parameters."""
     parser.add_argument(
-        "--robot", choices=ROBOTS, help=f"which robot it is, {ROBOTS[0]} by default"
+        "--robot",
+        metavar="ROBOT",
+        help=f"which robot it is: {', '.join(ROBOTS)}, or the path of its file; {ROBOTS[0]} by "
+        "default",
     )
     parser.add_argument("--time", choices=TIMES, default="realtime", help="who sets the pace")
     add_set_option(

@@ -6,8 +6,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from husky_description.actuation import BUS_SERVOS, DRIVES
 from husky_description.mujoco_model import flying_inertia
-from husky_description.robot import ROBOTS, load_robot
+from husky_description.robot import ROBOTS, Robot, load_robot
 from husky_runtime import graph
 
 ParameterValue = bool | int | float | str | tuple[float, ...]
@@ -91,9 +92,9 @@ def simulated_robot(
 ) -> tuple[NodeSpec, ...]:
     """Return every node of the robot in simulation.
 
-    Which robot it is says the plant's parameter `robot`, what of it stands there its `body`, how
-    Carbon's fans are mounted its `mounting`; the planner takes part when the controller's
-    parameter `planner` says so.
+    Which robot it is says the plant's parameter `robot`, one of `ROBOTS` or the path of a file;
+    what of it stands there its `body`, how its fans are mounted its `mounting`; the planner takes
+    part when the controller's parameter `planner` says so.
 
     Args:
         time: one of `TIMES`.
@@ -111,23 +112,26 @@ def simulated_robot(
     for name, value, allowed in (
         ("time", time, TIMES),
         ("body", body, graph.BODIES),
-        ("robot", robot, tuple(_NODES)),
     ):
         if value not in allowed:
             raise ValueError(f"{name} is {value!r}, it must be one of {', '.join(allowed)}")
+    if robot not in ROBOTS and Path(robot).is_file():  # nodes need not start where we are
+        robot = str(Path(robot).absolute())
+        settings = {**settings, graph.PLANT: {**plant, "robot": robot}}
+    numbers = load_robot(robot)
     told: dict[str, ParameterValue] = {"robot": robot} if robot != ROBOTS[0] else {}
     mounting = plant.get("mounting", "")
     controller = settings.get(graph.LOW_LEVEL_CONTROLLER, {})
     choice = _Choice(
         time=time,
         body=body,
-        robot=robot,
+        robot=numbers,
         told=told,
         mounted={"mounting": mounting} if mounting else {},
         planner=bool(controller.get("planner", False)),
         wakes=wakes,
     )
-    specs = [NodeSpec("husky_sim", graph.PLANT, {"time": time}), *_NODES[robot](choice)]
+    specs = [NodeSpec("husky_sim", graph.PLANT, {"time": time}), *_NODES[numbers.actuation](choice)]
     if remote:
         specs.append(NodeSpec("husky_pu", graph.RC_TRANSMITTER, {"time": time}))
     if record is not None:
@@ -149,7 +153,7 @@ class _Choice:
     Attributes:
         time: one of `TIMES`.
         body: what of it stands in the world.
-        robot: one of `ROBOTS`.
+        robot: its numbers.
         told: to every node that loads the robot.
         mounted: to every node that must know how its fans are mounted.
         planner: whether the planner takes part.
@@ -158,15 +162,15 @@ class _Choice:
 
     time: str
     body: str
-    robot: str
+    robot: Robot
     told: Mapping[str, ParameterValue]
     mounted: Mapping[str, ParameterValue]
     planner: bool
     wakes: bool
 
 
-def _carbon(choice: _Choice) -> list[NodeSpec]:
-    """Return the nodes of Husky Carbon: legs, propulsion unit, or both."""
+def _with_drives(choice: _Choice) -> list[NodeSpec]:
+    """Return the nodes of a robot as Husky Carbon is: legs, propulsion unit, or both."""
     specs: list[NodeSpec] = []
     if choice.body != "unit":
         told = {"time": choice.time, "bus": "sim", **_patience(choice), **choice.told}
@@ -181,24 +185,27 @@ def _patience(choice: _Choice) -> dict[str, ParameterValue]:
     return {"command_timeout": 0.03} if choice.time == "realtime" else {}
 
 
-def _beta(choice: _Choice) -> list[NodeSpec]:
-    """Return the nodes of Husky-beta; `robot_with_unit` is the one that flies.
+def _with_servos(choice: _Choice) -> list[NodeSpec]:
+    """Return the nodes of a robot as Husky-beta is; `robot_with_unit` is the one that flies.
 
     Raises:
         ValueError: a body that it has not.
     """
     if choice.body == "unit":
         raise ValueError(
-            f"body is {choice.body!r}: of robot 'beta' there are robot, robot_with_unit: its "
-            "propellers are at its knees"
+            f"body is {choice.body!r}: of {choice.robot.name} there are robot, robot_with_unit: "
+            "its propellers are at its knees"
         )
     told: dict[str, ParameterValue] = {"time": choice.time, **_patience(choice), **choice.told}
     specs = _legs(choice, NodeSpec("husky_drivers", graph.SERVO_BRIDGE, told))
     return specs if choice.body == "robot" else [*specs, *_unit(choice)]
 
 
-_NODES: Mapping[str, Callable[[_Choice], list[NodeSpec]]] = {"carbon": _carbon, "beta": _beta}
-"""The nodes of each robot besides plant, remote control and recorder."""
+_NODES: Mapping[str, Callable[[_Choice], list[NodeSpec]]] = {
+    DRIVES: _with_drives,
+    BUS_SERVOS: _with_servos,
+}
+"""The nodes of a robot besides plant, remote control and recorder, by its kind of actuation."""
 
 
 def _legs(choice: _Choice, bridge: NodeSpec) -> list[NodeSpec]:
@@ -222,7 +229,7 @@ def _unit(choice: _Choice) -> list[NodeSpec]:
     told = {**choice.told, **choice.mounted}
     pixhawk: dict[str, ParameterValue] = {
         "time": choice.time,
-        "inertia": flying_inertia(load_robot(choice.robot), choice.body),
+        "inertia": flying_inertia(choice.robot, choice.body),
     }
     if choice.body == "unit":
         pixhawk["parameters"] = _TILT_ENDS_FLIGHT

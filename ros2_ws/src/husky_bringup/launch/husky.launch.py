@@ -26,8 +26,7 @@ ARGUMENTS = {
     },
     "robot": {
         "default_value": ROBOTS[0],
-        "choices": list(ROBOTS),
-        "description": "which robot it is",
+        "description": f"which robot it is: {', '.join(ROBOTS)}, or the path of its file",
     },
     "body": {
         "default_value": "robot",

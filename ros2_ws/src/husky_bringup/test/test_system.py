@@ -95,22 +95,37 @@ def test_everybody_knows_how_the_fans_are_mounted():
 def test_beta_has_a_servo_bridge_and_no_propulsion_unit():
     names = {spec.name for spec in simulated_robot(settings={graph.PLANT: {"robot": "beta"}})}
     assert graph.SERVO_BRIDGE in names and graph.DRIVE_BRIDGE not in names
-    with pytest.raises(ValueError, match="body is 'unit': of robot 'beta' there are robot"):
+    with pytest.raises(ValueError, match="body is 'unit': of husky_beta there are robot"):
         simulated_robot(settings={graph.PLANT: {"robot": "beta", "body": "unit"}})
     with pytest.raises(ValueError, match="robot is 'gamma', it must be one of carbon, beta"):
         simulated_robot(settings={graph.PLANT: {"robot": "gamma"}})
 
 
 def test_every_robot_has_its_nodes():
-    assert tuple(system._NODES) == ROBOTS
+    assert set(system._NODES) == {load_robot(name).actuation for name in ROBOTS}
 
 
 def test_the_default_robot_is_told_to_nobody_and_another_to_all_who_load_it():
     default = simulated_robot(settings={graph.PLANT: {"body": "robot_with_unit"}})
     assert not any("robot" in spec.parameters for spec in default)
-    told = {"robot": "x"}
-    choice = system._Choice("lockstep", "robot_with_unit", "carbon", told, {}, True, False)
-    assert all(spec.parameters["robot"] == "x" for spec in system._carbon(choice))
+    for robot in ROBOTS[1:]:
+        settings = {graph.PLANT: {"robot": robot, "body": "robot_with_unit"}}
+        settings[graph.LOW_LEVEL_CONTROLLER] = {"planner": True}
+        specs = simulated_robot(settings=settings)
+        assert all(spec.parameters["robot"] == robot for spec in specs)
+
+
+def test_a_robot_of_a_file_has_the_nodes_of_its_kind(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ROBOTS:
+        tmp_path.joinpath("mine.yaml").write_text(load_robot(name).parameters)
+        mine, known = (
+            simulated_robot(settings={graph.PLANT: {"robot": robot, "body": "robot_with_unit"}})
+            for robot in ("mine.yaml", name)
+        )
+        assert [spec.name for spec in mine] == [spec.name for spec in known]
+        where = str(tmp_path / "mine.yaml")
+        assert all(spec.parameters["robot"] == where for spec in mine)
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from husky_control.kinematics import LEGS
 from husky_control.modes.behaviour import Event, Happening
 from husky_control.modes.context import ModeContext
 from husky_control.modes.table import TRANSITIONS, Mode, ModeMachine, Transition, modes_of
-from husky_control.parameters import Parameters
+from husky_control.parameters import Parameters, table_of
 from husky_control.tick_data import TICK, Counters, JointCommand, Measurements
 
 if TYPE_CHECKING:
@@ -208,8 +208,12 @@ def rehearse(robot: Robot) -> None:
     Raises:
         RuntimeError: a mode is refused.
     """
-    parameters = Parameters.of(robot, {"stand.duration": 0.8, "stand.joint_speed": 5.0})
-    rehearsal = Controller(robot, parameters, warm_up=False)
+    table = table_of(robot)
+    quick = {
+        "stand.duration": table["stand.duration"].lower,
+        "stand.joint_speed": table["stand.joint_speed"].upper,
+    }
+    rehearsal = Controller(robot, Parameters.of(robot, quick), warm_up=False)
     lean_forces(np.eye(3), 0.0, 0.0, np.zeros((LEGS, 3)))
     m = Measurements(drives_operational=True)
     m.joint_position[:] = robot.sit_joint_position

@@ -59,7 +59,7 @@ class FanModel:
 
     @staticmethod
     def of(robot: Robot) -> FanModel:
-        """Return the coefficients of the robot's rotors: four alike."""
+        """Return the coefficients of the robot's rotors, which are alike."""
         if robot.legs_carry_propellers:
             return FanModel.from_propellers(robot.propellers)
         return FanModel.from_section(robot.fans)

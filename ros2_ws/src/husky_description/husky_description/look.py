@@ -125,23 +125,28 @@ def _rack(robot: Robot) -> list[Shape]:
 
 
 def unit_look(robot: Robot) -> list[Shape]:
-    """Four ducted fans on carbon arms, their speed controllers on the arms."""
+    """The ducted fans on carbon arms, speed controllers on those that go across."""
     fans = robot.fans
     shapes = []
     for position in robot.fan_position:
         shapes += moved(_fan(robot), position)
-    inner = fans.y - fans.outer_radius
-    for x in (-fans.x, fans.x):
+    along, across = fans.place.T
+    for x in sorted(set(along.tolist())):
+        inner = float(across[along == x].max()) - fans.outer_radius
+        if inner <= 0.0:
+            continue  # one amid the body
         for z in (-0.020, 0.020):
             ends = ((x, -inner, fans.z + z), (x, inner, fans.z + z))
             shapes.append(tube("carbon", *ends, 0.006))
         for y in (-0.066, 0.066):
             shapes.append(box("red", (x, y, fans.z), (0.016, 0.042, 0.030)))
             shapes.append(box("label", (x, y, fans.z), (0.017, 0.020, 0.014)))
-    reach = fans.x - fans.outer_radius
-    for y in (-fans.y, fans.y):
+    for y in sorted(set(across.tolist())):
+        row = along[across == y]
+        fore, hind = float(row.max()) - fans.outer_radius, float(row.min()) + fans.outer_radius
         for z in (-0.020, 0.020):
-            shapes.append(tube("carbon", (-reach, y, fans.z + z), (reach, y, fans.z + z), 0.005))
+            ends = ((hind, y, fans.z + z), (fore, y, fans.z + z))
+            shapes += [tube("carbon", *ends, 0.005)] if fore > hind else []
     return shapes
 
 

@@ -45,7 +45,7 @@ def build_spec(robot: Robot) -> mujoco.MjSpec:
     qpos[7:] and qvel[6:] are the joints. Actuators: one `motor` per joint, named and ordered as
     the joints, of gear 1, so that ctrl (12,) is the joint torque [N m], clipped only beyond
     what an actuator can give. Sites: `imu`, `t265`, `perch`, `<leg>_foot` (centre of the sphere),
-    and `<leg>_fan` or `<leg>_propeller` (z along the thrust). Keyframes: `sit` and `stand`.
+    and `<fan>_fan` or `<leg>_propeller` (z along the thrust). Keyframes: `sit` and `stand`.
 
     Geoms that are seen are in group 2 and without mass or contact, geoms that collide in group 3;
     the links of the legs are seen as skins, see `mujoco_look`.
@@ -104,18 +104,19 @@ def build_unit_spec(robot: Robot) -> mujoco.MjSpec:
             [size[1] ** 2 + size[2] ** 2, size[0] ** 2 + size[2] ** 2, size[0] ** 2 + size[1] ** 2]
         )
     )
-    arms = half * np.array([fans.y**2, fans.x**2, fans.x**2 + fans.y**2])
-    _set_inertia(base, 2 * half, [0.0, 0.0, fans.z], box + arms)
+    middle = float(fans.place[:, 0].mean()) / 2  # of all mass; left and right are alike
+    x, y = np.mean((fans.place - (middle, 0.0)) ** 2, axis=0) + (middle**2, 0.0)
+    _set_inertia(base, 2 * half, [middle, 0.0, fans.z], box + half * np.array([y, x, x + y]))
     bottom = fans.z - fans.height / 2
-    half_sizes = np.array([fans.x + fans.outer_radius, fans.y + fans.outer_radius, fans.height / 2])
+    half_sizes = np.append(fans.reach + fans.outer_radius, fans.height / 2)
     _add_collision(
         spec, base, "unit", mujoco.mjtGeom.mjGEOM_BOX, size=half_sizes, pos=[0.0, 0.0, fans.z]
     )
     carbon = spec.find_default(robot.name)
     base.add_site(carbon, name="imu", pos=robot.imu.position, quat=_quaternion(robot.imu.rpy))
     base.add_site(carbon, name="t265", pos=robot.t265.position, quat=_quaternion(robot.t265.rpy))
-    for leg, position in zip(robot.legs, robot.fan_position, strict=True):
-        base.add_site(carbon, name=f"{leg}_fan", pos=position)
+    for name, position in zip(robot.rotor_names, robot.fan_position, strict=True):
+        base.add_site(carbon, name=f"{name}_fan", pos=position)
     add_look(spec, base, "base", unit_look(robot))
     spec.add_key(name="stand", qpos=[0.0, 0.0, -bottom, 1.0, 0.0, 0.0, 0.0])
     return spec
@@ -222,8 +223,8 @@ def _add_base(spec: mujoco.MjSpec, robot: Robot) -> mujoco.MjsBody:
     bottom = robot.perch.position - [0, 0, robot.perch.size[2] / 2]
     base.add_site(carbon, name="perch", pos=bottom)
     if not robot.legs_carry_propellers:
-        for leg, position in zip(robot.legs, robot.fan_position, strict=True):
-            base.add_site(carbon, name=f"{leg}_fan", pos=position)
+        for name, position in zip(robot.rotor_names, robot.fan_position, strict=True):
+            base.add_site(carbon, name=f"{name}_fan", pos=position)
     add_look(spec, base, "base", base_look(robot))
     return base
 

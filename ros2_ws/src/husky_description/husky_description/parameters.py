@@ -1,6 +1,7 @@
 """Reads sections of a parameter file into frozen dataclasses and checks every number."""
 
 import math
+import re
 from collections.abc import Mapping
 from typing import Any, NamedTuple, TypeVar, get_type_hints
 
@@ -9,6 +10,8 @@ import numpy as np
 from husky_description.arrays import Array
 
 Section = TypeVar("Section")
+
+_NAME = re.compile(r"[a-z][a-z0-9_]*", re.ASCII)
 
 
 class Bounds(NamedTuple):
@@ -24,6 +27,14 @@ class Choice(NamedTuple):
     """Words that a field may be."""
 
     allowed: tuple[str, ...]
+
+
+class Named(NamedTuple):
+    """Sections of one kind under names of the file's own choice: how many there may be."""
+
+    section: type[Any]
+    fewest: int
+    most: int
 
 
 def choice(*allowed: str) -> Choice:
@@ -46,6 +57,11 @@ def vector(size: int, lower: float, upper: float) -> Bounds:
     return Bounds(lower, upper, size, False)
 
 
+def named(section: type[Any], fewest: int, most: int) -> Named:
+    """From `fewest` to `most` sections of a kind, each under a name that a frame may have."""
+    return Named(section, fewest, most)
+
+
 def frozen(values: Any) -> Array:
     """Copy into an array of floats that cannot be written to."""
     array = np.array(values, dtype=np.float64)
@@ -57,8 +73,8 @@ def read_section(section: type[Section], values: Any, name: str) -> Section:
     """Make a `section` from a mapping.
 
     Args:
-        section: Dataclass whose fields are annotated with `number`, `count`, `vector` or `choice`,
-            as in `mass: Annotated[float, number(0.1, 50.0)]`.
+        section: Dataclass whose fields are annotated with `number`, `count`, `vector`, `choice`
+            or `named`, as in `mass: Annotated[float, number(0.1, 50.0)]`.
         values: Mapping from field names to values, as YAML gives it.
         name: Dotted name of the section, for messages.
 
@@ -74,8 +90,8 @@ def read_section(section: type[Section], values: Any, name: str) -> Section:
     )
 
 
-def bounds_of(section: type[Any]) -> dict[str, Bounds | Choice]:
-    """Bounds, or the words allowed, of every field of a section."""
+def bounds_of(section: type[Any]) -> dict[str, Bounds | Choice | Named]:
+    """Bounds, the words allowed, or the sections within, of every field of a section."""
     hints = get_type_hints(section, include_extras=True)
     return {key: hint.__metadata__[0] for key, hint in hints.items()}
 
@@ -93,8 +109,14 @@ def check_keys(values: Any, expected: set[str], name: str) -> None:
             raise ValueError(f"{prefix}{key}: missing")
 
 
-def read_value(value: Any, bounds: Bounds | Choice, key: str) -> Any:
-    """Check one value against its bounds; returns a float, an int, a frozen array or a word."""
+def read_value(value: Any, bounds: Bounds | Choice | Named, key: str) -> Any:
+    """Check one value against its bounds.
+
+    Returns:
+        A float, an int, a frozen array, a word, or a mapping of names to sections.
+    """
+    if isinstance(bounds, Named):
+        return _read_named(value, bounds, key)
     if isinstance(bounds, Choice):
         if value not in bounds.allowed:
             raise ValueError(f"{key}: {value!r} is not one of {', '.join(bounds.allowed)}")
@@ -104,6 +126,18 @@ def read_value(value: Any, bounds: Bounds | Choice, key: str) -> Any:
             raise ValueError(f"{key}: {value!r} is not a list of {bounds.size} numbers")
         return frozen([_check(item, bounds, f"{key}[{i}]") for i, item in enumerate(value)])
     return _check(value, bounds, key)
+
+
+def _read_named(value: Any, bounds: Named, key: str) -> Mapping[str, Any]:
+    allowed = f"{bounds.fewest} to {bounds.most} sections by name"
+    if not isinstance(value, Mapping) or not bounds.fewest <= len(value) <= bounds.most:
+        raise ValueError(f"{key}: {value!r} is not a mapping of {allowed}")
+    for name in value:
+        if not (isinstance(name, str) and _NAME.fullmatch(name)):
+            raise ValueError(f"{key}: {name!r} is not a name of a-z, 0-9 and _ after a letter")
+    return {
+        name: read_section(bounds.section, part, f"{key}.{name}") for name, part in value.items()
+    }
 
 
 def _check(value: Any, bounds: Bounds, key: str) -> float | int:

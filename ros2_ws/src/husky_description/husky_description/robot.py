@@ -1,6 +1,7 @@
 """A robot as numbers: names, order, geometry, masses, limits, postures and devices.
 
-Everything comes from a file of `config`, Husky Carbon's or Husky-beta's. Legs, joints and feet
+Everything comes from a file: of `config`, Husky Carbon's or Husky-beta's, or one of a user's own,
+which says all but that a robot has four legs of three joints. Legs, joints and feet
 keep one order everywhere: leg 0..3 is front left, front right, hind left, hind right; joint index =
 3 * leg + joint with joint 0 hip frontal (about +x), 1 hip sagittal (+y), 2 knee (+y). Axes are
 REP-103.
@@ -27,7 +28,8 @@ from husky_description.parameters import check_keys, frozen, number, read_sectio
 from husky_description.robot_checks import check_together
 from husky_description.share import share_path
 
-ROBOTS = ("carbon", "beta")
+_DEFAULT = "carbon"
+ROBOTS = (_DEFAULT, *sorted({f.stem for f in share_path("config").glob("*.yaml")} - {_DEFAULT}))
 """Robots that have a file of their name in `config`; the first is the default."""
 
 LEG_NAMES = ("front_left", "front_right", "hind_left", "hind_right")
@@ -155,10 +157,15 @@ class Robot(RobotSections, DriveSections, ServoSections):
         return "propellers" in self.own_sections
 
     @cached_property
+    def rotor_names(self) -> tuple[str, ...]:
+        """Names of the fans, in the order of the file, or of the propellers: those of the legs."""
+        return self.legs if self.legs_carry_propellers else tuple(self.fans.rotors)
+
+    @cached_property
     def fan_position(self) -> Array:
-        """Fans in base [m] (4, 3), ordered as the legs."""
-        fans = self.fans
-        return frozen(np.column_stack((_FORE * fans.x, _SIDE * fans.y, np.full(4, fans.z))))
+        """Fans in base [m] (n, 3), ordered as `rotor_names`."""
+        place = self.fans.place
+        return frozen(np.column_stack((place, np.full(len(place), self.fans.z))))
 
     @cached_property
     def propeller_in_thigh(self) -> Array:
@@ -198,13 +205,13 @@ def load_robot(path: Path | str | None = None, **overrides: float | str) -> Robo
 
     Args:
         path: A file with the keys of carbon.yaml or beta.yaml, one of `ROBOTS` for its file (made
-            once), or None for the first of them.
+            once), or None for the first of them. What is neither is refused.
         overrides: Values that replace the file's: `payload_mass` [kg] (changes the total mass),
             or a dotted key with `__` for the dot, `servo__kp=150.0`.
 
     Raises:
-        ValueError: A key is unknown or missing or a value is not allowed; names the dotted key,
-            the value and the allowed range.
+        ValueError: There is no such file; or a key is unknown or missing, or a value is not
+            allowed: names the dotted key, the value and the allowed range.
     """
     name = ROBOTS[0] if path is None else path
     if name in ROBOTS and not overrides:
@@ -221,8 +228,15 @@ def _robot_of_name(name: str) -> Robot:
 
 
 def _read(path: Path) -> dict[str, Any]:
-    with path.open(encoding="utf-8") as stream:
-        tree = yaml.load(stream, _Loader)
+    try:
+        tree = yaml.load(path.read_text(encoding="utf-8"), _Loader)
+    except OSError as error:
+        raise ValueError(
+            f"robot is {str(path)!r}, it must be one of {', '.join(ROBOTS)} or the path of a file: "
+            f"{error.strerror}"
+        ) from error
+    except (UnicodeDecodeError, yaml.YAMLError) as error:
+        raise ValueError(f"{path}: not YAML: {error}") from error
     if not isinstance(tree, dict):
         raise ValueError(f"{path}: not a mapping of sections")
     return tree

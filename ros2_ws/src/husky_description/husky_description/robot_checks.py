@@ -7,8 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from husky_description import sections
-
 
 def check_together(read: Mapping[str, Any]) -> None:
     """Refuse sections that contradict each other or themselves.
@@ -39,21 +37,8 @@ def check_together(read: Mapping[str, Any]) -> None:
     if 2 * inertia.max() > inertia.sum():
         raise ValueError(f"body.inertia: {inertia.tolist()}: one exceeds the sum of the other two")
     if "fans" in read:
-        _check_fans(read["fans"])
+        read["fans"].check()
     if "propellers" in read:
         read["propellers"].check()
     if np.any(np.diff(read["battery"].cell_voltage) <= 0.0):
         raise ValueError("battery.cell_voltage: does not rise with the charge")
-
-
-def _check_fans(fans: sections.FansSection) -> None:
-    """Checks of the fans' numbers against each other."""
-    if fans.spin.tolist() not in ([1.0, -1.0, -1.0, 1.0], [-1.0, 1.0, 1.0, -1.0]):
-        raise ValueError(
-            f"fans.spin: {fans.spin.tolist()}: each is 1 or -1, neighbours of opposite sense"
-        )
-    if not fans.no_load_current < fans.full_current < fans.voltage / fans.resistance:
-        raise ValueError(
-            f"fans.efficiency: {fans.efficiency:g} asks for {fans.full_current:.1f} A, outside "
-            "fans.no_load_current to fans.voltage / fans.resistance"
-        )

@@ -1,4 +1,4 @@
-"""Where a robot's rotors are and which way they push, about its centre of mass, by its joints.
+"""Where a robot's rotors are and which way they push, by its joints where the legs carry them.
 
 The propellers of Husky-beta hang on its femora (T17): splayed by 90 degrees about the hip frontal
 axes they point up, and a sweep of the legs about the hip sagittal axes moves them forward and back,
@@ -21,12 +21,12 @@ _SWEEP = 1.0
 
 
 class RotorGeometry(NamedTuple):
-    """Four rotors, ordered as the legs, in base's axes.
+    """The rotors, ordered as their names, in base's axes.
 
     Attributes:
-        position: of each from the robot's centre of mass [m] (4, 3).
-        axis: direction of its thrust, unit vectors (4, 3).
-        spin: its sense of rotation about that direction, -1 or 1 (4,).
+        position: of each from what their moments are about [m] (n, 3).
+        axis: direction of its thrust, unit vectors (n, 3).
+        spin: its sense of rotation about that direction, -1 or 1 (n,).
     """
 
     position: Array
@@ -34,7 +34,7 @@ class RotorGeometry(NamedTuple):
     spin: Array
 
     def effectiveness(self, moment_per_thrust: float) -> Array:
-        """Return the matrix from thrusts [N] (4,) to force [N] and moment [N m], (6, 4), in base.
+        """Return the matrix from thrusts [N] (n,) to force [N] and moment [N m], (6, n), in base.
 
         Args:
             moment_per_thrust: steady torque of a rotor on what carries it over its thrust [m].
@@ -44,7 +44,7 @@ class RotorGeometry(NamedTuple):
 
 
 def rotor_geometry(robot: Robot, joint_position: Array) -> RotorGeometry:
-    """Return where propellers are that the legs carry.
+    """Return where propellers are that the legs carry, about the robot's centre of mass.
 
     Args:
         robot: one with propellers.
@@ -74,6 +74,17 @@ def rotor_geometry(robot: Robot, joint_position: Array) -> RotorGeometry:
         ]
     center = np.average(centers, axis=0, weights=masses)
     return RotorGeometry(frozen(position - center), frozen(axis), spin)
+
+
+def fan_geometry(robot: Robot) -> RotorGeometry:
+    """Return where fans are that the body carries, about base's origin.
+
+    Raises:
+        AbsentSection: it has none.
+    """
+    position = robot.fan_position
+    axis = np.tile((0.0, 0.0, 1.0), (len(position), 1))
+    return RotorGeometry(position, frozen(axis), robot.fans.spin)
 
 
 def flight_posture(robot: Robot) -> Array:

@@ -4,11 +4,15 @@ SI units and radians; sources of the values stand in carbon.yaml and beta.yaml.
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Annotated
 
+import numpy as np
+
 from husky_description.arrays import Array
-from husky_description.parameters import choice, count, number, vector
+from husky_description.parameters import choice, count, frozen, named, number, vector
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,26 +204,39 @@ class GimbalSection:
     lag: Annotated[float, number(0.0, 1.0)]
 
 
+MOST_FANS = 8
+"""As many speed controllers as ESC_INFO of MAVLink has bits for."""
+_LEAST_APART = 0.1
+"""Least singular value of what equal thrusts do, each axis of length 1: below, one is lost."""
+
+
+@dataclass(frozen=True, eq=False)
+class RotorSection:
+    """One ducted fan: its axis in base [m], its sense of rotation about base z, -1 or 1."""
+
+    x: Annotated[float, number(-1.0, 1.0)]
+    y: Annotated[float, number(-1.0, 1.0)]
+    spin: Annotated[float, number(-1.0, 1.0)]
+
+
 @dataclass(frozen=True, eq=False)
 class FansSection:
-    """Four ducted fans at (+-x, +-y, z) in base, thrust along base z; lengths [m].
+    """Equal ducted fans at height z in base, each at its place, thrust along base z; lengths [m].
 
     `mounting`, one of `MOUNTINGS`, says whether that is so: "vectoring" is the thesis's force at
     the centre of mass in any direction (T25), which no robot has.
 
-    Senses of rotation about base z [-1 or 1], flow area [m^2], air density [kg/m^3], and at full
-    throttle on `voltage` [V]: thrust [N], speed [rad/s], efficiency [-]. Resistance [ohm], no-load
-    current [A], inertia of the rotor [kg m^2], share of the drag torque left on the body [-].
+    Flow area [m^2], air density [kg/m^3], and at full throttle on `voltage` [V]: thrust [N], speed
+    [rad/s], efficiency [-]. Resistance [ohm], no-load current [A], inertia of the rotor [kg m^2],
+    share of the drag torque left on the body [-].
     """
 
+    rotors: Annotated[Mapping[str, RotorSection], named(RotorSection, 3, MOST_FANS)]
     mounting: Annotated[str, choice(*MOUNTINGS)]
-    x: Annotated[float, number(0.0, 1.0)]
-    y: Annotated[float, number(0.0, 1.0)]
     z: Annotated[float, number(-0.5, 0.5)]
     inner_radius: Annotated[float, number(0.005, 0.3)]
     outer_radius: Annotated[float, number(0.005, 0.3)]
     height: Annotated[float, number(0.005, 0.5)]
-    spin: Annotated[Array, vector(4, -1.0, 1.0)]
     flow_area: Annotated[float, number(1e-5, 0.3)]
     air_density: Annotated[float, number(0.3, 1.5)]
     max_thrust: Annotated[float, number(0.5, 200.0)]
@@ -230,6 +247,55 @@ class FansSection:
     no_load_current: Annotated[float, number(0.0, 20.0)]
     rotor_inertia: Annotated[float, number(1e-6, 1e-2)]
     body_torque_share: Annotated[float, number(0.01, 1.0)]
+
+    @cached_property
+    def place(self) -> Array:
+        """Where the axes stand in base, x and y [m] (n, 2)."""
+        return frozen([(rotor.x, rotor.y) for rotor in self.rotors.values()])
+
+    @cached_property
+    def spin(self) -> Array:
+        """Senses of rotation about base z (n,)."""
+        return frozen([rotor.spin for rotor in self.rotors.values()])
+
+    @property
+    def reach(self) -> Array:
+        """Greatest distances of the axes from base's origin along x and y [m] (2,)."""
+        return np.asarray(np.abs(self.place).max(axis=0))
+
+    def check(self) -> None:
+        """Refuse numbers that contradict each other.
+
+        Raises:
+            ValueError: names the key and what is wrong.
+        """
+        places = list(map(tuple, self.place.tolist()))
+        for name, (x, y) in zip(self.rotors, places, strict=True):
+            if (x, -y) not in places:
+                raise ValueError(
+                    f"fans.rotors.{name}: at ({x:g}, {y:g}) m and none at ({x:g}, {-y:g}): left "
+                    "and right must be alike"
+                )
+        apart = np.linalg.norm(self.place[:, None] - self.place, axis=2)
+        if apart[~np.eye(len(places), dtype=bool)].min() < 2.0 * self.outer_radius:
+            raise ValueError(f"fans.rotors: at {places} m two of radius fans.outer_radius overlap")
+        if np.any(np.abs(self.spin) != 1.0) or abs(self.spin.sum()) > len(places) % 2:
+            raise ValueError(
+                f"fans.rotors: spin is {self.spin.tolist()}: each is 1 or -1, as many one way as "
+                "the other"
+            )
+        rows = np.column_stack((np.ones(len(places)), self.place, self.spin))
+        lengths = np.linalg.norm(rows, axis=0)
+        if lengths.min() <= 0.0 or np.linalg.svd(rows / lengths)[1].min() < _LEAST_APART:
+            raise ValueError(
+                f"fans.rotors: at {places} m with spin {self.spin.tolist()} their thrusts cannot "
+                "make roll, pitch and yaw apart from each other"
+            )
+        if not self.no_load_current < self.full_current < self.voltage / self.resistance:
+            raise ValueError(
+                f"fans.efficiency: {self.efficiency:g} asks for {self.full_current:.1f} A, outside "
+                "fans.no_load_current to fans.voltage / fans.resistance"
+            )
 
     @property
     def full_current(self) -> float:

@@ -19,7 +19,7 @@ def build_urdf(robot: Robot, parallelogram: bool = False) -> str:
 
     The root link is `base_link` (REP-105); the torso's inertia is on the link `torso`, fixed to
     it. Then come `<leg>_hip`, `<leg>_thigh`, `<leg>_shin`, `<leg>_foot`, and the frames
-    `imu_link`, `t265_link`, `perch` and `<leg>_fan`, or `<leg>_knee_pod` and `<leg>_propeller`.
+    `imu_link`, `t265_link`, `perch` and `<fan>_fan`, or `<leg>_knee_pod` and `<leg>_propeller`.
     What weighs and collides comes from urdf/carbon.urdf.xacro, what is seen from
     `husky_description.look`.
 

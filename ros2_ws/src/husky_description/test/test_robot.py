@@ -222,3 +222,66 @@ def test_words_are_checked():
     assert load_robot(fans__mounting="vectoring").fans.mounting == "vectoring"
     with pytest.raises(ValueError, match=r"fans.mounting: 'glued' is not one of fixed, vectoring"):
         make_robot(changed("fans", "mounting", "glued"))
+
+
+def with_rotors(**changes) -> dict:
+    """Carbon's tree with other fans: by name (x, y, spin), or None for one that goes."""
+    rotors = copy.deepcopy(TREE["fans"]["rotors"])
+    for name, rotor in changes.items():
+        rotors.pop(name, None)
+        if rotor is not None:
+            rotors[name] = dict(zip(("x", "y", "spin"), rotor, strict=True))
+    return changed("fans", "rotors", rotors)
+
+
+def test_fans_are_those_of_the_file_in_its_order():
+    robot = make_robot(with_rotors(nose=(0.3, 0.0, 1.0), tail=(-0.25, 0.0, -1.0)))
+    assert robot.rotor_names == (*load_robot().rotor_names, "nose", "tail")
+    assert robot.fan_position[4:].tolist() == [[0.3, 0.0, robot.fans.z], [-0.25, 0.0, robot.fans.z]]
+    assert robot.fans.spin.tolist() == [1.0, -1.0, -1.0, 1.0, 1.0, -1.0]
+    assert robot.fans.reach.tolist() == [0.3, 0.135]
+    assert load_robot("beta").rotor_names == load_robot("beta").legs
+
+
+@pytest.mark.parametrize(
+    ("rotors", "told"),
+    [
+        ({"front_left": (0.12, 0.13, 1.0)}, r"front_right: at \(0.12, -0.135\) m and none at"),
+        ({"nose": (0.12, 0.1, 1.0), "nose_2": (0.12, -0.1, -1.0)}, "overlap"),
+        ({"front_left": (0.12, 0.135, -1.0)}, "as many one way as the other"),
+        ({"front_left": (0.12, 0.135, 0.5)}, r"spin is .*0.5.*: each is 1 or -1"),
+        (
+            {"hind_left": (-0.12, 0.135, 1.0), "front_right": (0.12, -0.135, -1.0)}
+            | {"front_left": (0.12, 0.135, 1.0), "hind_right": (-0.12, -0.135, -1.0)},
+            "cannot make roll, pitch and yaw apart",
+        ),
+        ({"hind_left": None, "hind_right": None}, "not a mapping of 3 to 8 sections by name"),
+        ({"Nose": (0.3, 0.0, 1.0)}, "'Nose' is not a name of a-z"),
+        ({"nose": (1.3, 0.0, 1.0)}, r"\.nose\.x: 1.3 is outside the allowed range"),
+        ({"nose": (math.nan, 0.0, 1.0)}, r"\.nose\.x: nan is outside the allowed range"),
+    ],
+)
+def test_fans_that_cannot_be_are_refused_by_name(rotors, told):
+    with pytest.raises(ValueError, match=rf"^fans\.rotors.*{told}"):
+        make_robot(with_rotors(**rotors))
+
+
+def test_fans_are_a_mapping_of_sections():
+    for value in (None, [1.0], {"a": 1, "b": 2, "c": 3}):
+        with pytest.raises(ValueError, match=r"^fans\.rotors"):
+            make_robot(changed("fans", "rotors", value))
+    rotors = {**TREE["fans"]["rotors"], "nose": {"x": 0.3, "y": 0.0}}
+    with pytest.raises(ValueError, match=r"^fans\.rotors\.nose\.spin: missing"):
+        make_robot(changed("fans", "rotors", rotors))
+
+
+def test_a_robot_that_there_is_not_is_named_with_those_that_there_are(tmp_path):
+    for name in ("gamma", str(tmp_path / "none.yaml"), str(tmp_path)):
+        told = f"robot is '{name}', it must be one of carbon, beta or the path of a file"
+        with pytest.raises(ValueError, match=told):
+            load_robot(name)
+    path = tmp_path / "bad.yaml"
+    for content in (b"a: [1", b"\xff\xfe\xff"):
+        path.write_bytes(content)
+        with pytest.raises(ValueError, match=r"bad\.yaml: not YAML"):
+            load_robot(path)

@@ -40,7 +40,7 @@ def hanging_height(gantry: GantryOptions) -> float:
 
 def weight_share(robot: Robot) -> float:
     """Return the share of full thrust that carries the unit."""
-    return robot.payload_mass * GRAVITY / (4 * robot.fans.max_thrust)
+    return robot.payload_mass * GRAVITY / (len(robot.rotor_names) * robot.fans.max_thrust)
 
 
 class Flight:

@@ -21,7 +21,7 @@ class Pair:
     """A client and an autopilot joined by a wire, and a time that the test moves."""
 
     def __init__(self, autopilot, unix_time=lambda: 1.8e9, **config):
-        self.client = MavlinkClient(ClientConfig(**config), unix_time)
+        self.client = MavlinkClient(ClientConfig(4, **config), unix_time)
         self.autopilot = autopilot
         self.now = 100.0
 

@@ -13,7 +13,7 @@ from husky_description.mujoco_model import build_spec, flying_inertia
 from husky_description.robot import load_robot
 from husky_description.rotor_geometry import flight_posture, rotor_geometry
 from husky_pu.autopilot.autopilot import Autopilot, AutopilotConfig, SensorSample
-from husky_pu.autopilot.posture_mixer import PostureMixer
+from husky_pu.autopilot.weighted_mixer import WeightedMixer
 from husky_pu.mavlink.axes import mavlink_attitude
 from husky_sim.propulsion.fans_in_world import add_autopilot
 from husky_sim.propulsion.propellers_in_world import PropellersInWorld
@@ -42,7 +42,7 @@ class Flyer:
         self.data.qpos[7:] = POSTURE
         mujoco.mj_forward(self.model, self.data)
         self.propellers = PropellersInWorld(ROBOT, self.model, self.data)
-        self.mixer = PostureMixer(ROBOT, GEOMETRY)
+        self.mixer = WeightedMixer(ROBOT, GEOMETRY)
         cells = {"BAT1_N_CELLS": float(ROBOT.battery.cells)}
         self.autopilot = Autopilot(
             self.mixer,

@@ -67,7 +67,7 @@ def test_udpout_survives_that_nobody_listens():
 
 def test_the_line_is_opened_again_and_again(tmp_path, make_autopilot):
     told, autopilot = [], make_autopilot()
-    client = MavlinkClient(ClientConfig())
+    client = MavlinkClient(ClientConfig(4))
     link = CompanionLink(
         client,
         opener(f"serial:{tmp_path}/line:921600"),

@@ -22,7 +22,7 @@ class Bench:
     def __init__(self, charge=1.0):
         self.unit = PropulsionUnit(ROBOT)
         self.unit.set_charge(charge)
-        self.watch = FanWatch(MIXER.fan)
+        self.watch = FanWatch(MIXER.fan, 4)
         self.told = [0.0] * 4
         self.time = 0.0
         self.found = []
@@ -89,6 +89,6 @@ def test_an_empty_pack_is_no_lost_fan():
 
 
 def test_without_telemetry_nothing_is_found():
-    watch = FanWatch(MIXER.fan)
+    watch = FanWatch(MIXER.fan, 4)
     for _ in range(500):
         assert not watch.update([10.0] * 4, [math.nan] * 4, [math.nan] * 4, 22.0, PERIOD, **LIMITS)

@@ -28,7 +28,7 @@ def test_it_finds_the_autopilot_and_asks_for_telemetry(pair):
 def test_other_peoples_heartbeats_are_no_autopilot(make_autopilot):
     station = make_autopilot(255, 190, autopilot=mavlink.MAV_AUTOPILOT_INVALID)
     gimbal = make_autopilot(1, 154)
-    client = MavlinkClient(ClientConfig())
+    client = MavlinkClient(ClientConfig(4))
     for other in (station, gimbal):
         other.heartbeat()
         client.feed(other.take_output(), 0.0)
@@ -37,7 +37,7 @@ def test_other_peoples_heartbeats_are_no_autopilot(make_autopilot):
 
 
 def test_a_fixed_target_is_waited_for(make_autopilot):
-    client = MavlinkClient(ClientConfig(target_system=7))
+    client = MavlinkClient(ClientConfig(4, target_system=7))
     for system, expected in ((1, False), (7, True)):
         autopilot = make_autopilot(system)
         autopilot.heartbeat()

@@ -83,7 +83,7 @@ def test_good_frames_survive_garbage_and_truncation_between_them(make_autopilot,
 @settings(max_examples=200)
 @given(st.lists(st.binary(max_size=300), max_size=6))
 def test_any_bytes_are_taken(pieces):
-    client = MavlinkClient(ClientConfig())
+    client = MavlinkClient(ClientConfig(4))
     for k, piece in enumerate(pieces):
         client.feed(piece, 0.1 * k)
         client.poll(0.1 * k + 0.09)

@@ -16,6 +16,7 @@ ROBOT = load_robot()
 MIXER = Mixer(ROBOT)
 FULL = MIXER.thrust_limit()
 B = MIXER.effectiveness
+SIDES = (("left", 1.0), ("right", -1.0))
 COLLECTIVE = st.floats(-10.0, 120.0)
 MOMENT = st.tuples(st.floats(-12, 12), st.floats(-12, 12), st.floats(-1.5, 1.5))
 RISE = st.one_of(st.just(math.inf), st.floats(0.0, 60.0))
@@ -98,7 +99,8 @@ def test_three_fans_are_the_weighted_least_squares(lost, collective, moment):
     thrust = MIXER.allocate(collective, moment, available=available)
     assert thrust[lost] == 0.0 and (thrust >= 0.0).all() and (thrust <= FULL).all()
     # roll / y and pitch / x weigh alike; collective a thousandth of them
-    weight = np.array([1e-3, 1 / ROBOT.fans.y, 1 / ROBOT.fans.x])
+    x, y = ROBOT.fans.reach
+    weight = np.array([1e-3, 1 / y, 1 / x])
     demand = weight * np.array([collective, moment[0], moment[1]])
     matrix = (weight[:, None] * B[:3])[:, available]
     best = lsq_linear(matrix, demand, bounds=(0.0, FULL), method="bvls", tol=1e-14).x
@@ -183,12 +185,14 @@ def test_wrong_sizes_and_signs_are_refused():
     for rise in (-1.0, math.nan):
         with pytest.raises(ValueError, match="rise"):
             MIXER.allocate(10.0, [0, 0, 0], rise=rise)
-    with pytest.raises(ValueError, match=r"fans\.y"):
-        Mixer(load_robot(fans__y=0.0))
+    trapezium = {f"fans__rotors__front_{side}__y": sign * 0.1 for side, sign in SIDES}
+    with pytest.raises(ValueError, match=r"fans\.rotors: at .* not in a rectangle"):
+        Mixer(load_robot(**trapezium))
 
 
 def test_other_sense_of_rotation_turns_yaw():
-    other = Mixer(load_robot(fans__spin=[-1.0, 1.0, 1.0, -1.0]))
+    spin = dict(zip(ROBOT.rotor_names, -ROBOT.fans.spin, strict=True))
+    other = Mixer(load_robot(**{f"fans__rotors__{name}__spin": s for name, s in spin.items()}))
     np.testing.assert_allclose(
         other.allocate(40.0, [0, 0, 0.2]), MIXER.allocate(40.0, [0, 0, -0.2])
     )

@@ -33,7 +33,7 @@ def running():
 
 def on_the_wire(setpoint, boot_us=123_456_000):
     """Return the message as pymavlink's own parser reads it."""
-    client = MavlinkClient(ClientConfig(target_system=1))
+    client = MavlinkClient(ClientConfig(4, target_system=1))
     setpoint.send(client, boot_us)
     (message,) = mavlink.MAVLink(None).parse_buffer(client.take_output())
     return message

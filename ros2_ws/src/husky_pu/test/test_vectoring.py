@@ -14,6 +14,7 @@ from husky_pu.autopilot.autopilot import Autopilot, AutopilotConfig, SensorSampl
 from husky_pu.autopilot.failsafes import FlightMode
 from husky_pu.autopilot.imu import NO_ERRORS
 from husky_pu.autopilot.mixer import Mixer
+from husky_pu.autopilot.weighted_mixer import mixer_of
 from husky_pu.companion.bridge import Kind, Limits, ThrustCommand, ThrustSetpoints
 from husky_pu.companion.client import ClientConfig, MavlinkClient
 from husky_pu.companion.propulsion_force import ForceEstimate
@@ -34,12 +35,12 @@ class Chain:
         self.robot = robot
         gimbal = Gimbal.of(robot)
         self.gimbal = gimbal or GIMBAL
-        mixer = Mixer(robot)
+        mixer = mixer_of(robot)
         self.autopilot = Autopilot(
             mixer, AutopilotConfig(errors=NO_ERRORS, parameters=parameters, gimbal=gimbal)
         )
-        self.client = MavlinkClient(ClientConfig())
-        limits = Limits(80.0, list(mixer.moment_scale), 80.0, gimbal is not None)
+        self.client = MavlinkClient(ClientConfig(len(mixer.names)))
+        limits = Limits(mixer.max_collective, list(mixer.moment_scale), 80.0, gimbal is not None)
         self.setpoints = ThrustSetpoints(limits, enabled=True)
         self.unit = PropulsionUnit(robot)
         self.estimate = ForceEstimate(robot)
@@ -140,7 +141,7 @@ def test_the_force_that_is_asked_for_is_made_and_told(force):
 def test_what_goes_on_the_wire_is_the_force_in_frd(force, armed):
     setpoints = ThrustSetpoints(Limits(80.0, (5.0, 4.0, 2.0), 1e9, True), enabled=armed)
     setpoint = setpoints.convert(ThrustCommand(0, Kind.WRENCH, force=force))
-    client = MavlinkClient(ClientConfig(target_system=1))
+    client = MavlinkClient(ClientConfig(4, target_system=1))
     setpoint.send(client, 1000)
     (message,) = client.reader.feed(client.take_output())
     assert message.get_type() == "SET_ATTITUDE_TARGET"
@@ -315,3 +316,24 @@ def test_without_telemetry_of_the_speed_controllers_force_is_by_the_pulses():
     assert chain.estimate.of(report).force[2] == pytest.approx(30.0, abs=0.4)
     blind = chain.estimate.of(replace(report, fan_speed=(math.nan,) * 4))
     assert blind.force[2] == pytest.approx(30.0, abs=0.7)
+
+
+def test_of_six_fans_every_one_is_told_and_the_axis_behind_them():
+    """ESC_STATUS and ESC_INFO tell of four each; the axis's servos are the outputs 7 and 8."""
+    rotors = {name: dict(vars(rotor)) for name, rotor in ROBOT.fans.rotors.items()}
+    rotors["nose"] = {"x": 0.25, "y": 0.0, "spin": 1.0}
+    rotors["tail"] = {"x": -0.25, "y": 0.0, "spin": -1.0}
+    robot = load_robot(fans__mounting="vectoring", fans__rotors=rotors)
+    chain = Chain(robot).fly(60 * UP_THE_WALL)
+    _, made, told = chain.run(0.5)
+    np.testing.assert_allclose(made[-1], 60 * UP_THE_WALL, atol=0.6)
+    np.testing.assert_allclose(told[-1], made[-1], atol=0.6)
+    report = chain.client.telemetry.report
+    assert report.pwm == chain.autopilot.vehicle.pwm and len(report.pwm) == 6
+    assert report.tilt == chain.autopilot.vehicle.tilt
+    np.testing.assert_allclose(report.fan_speed, chain.unit.speed, rtol=0.02)
+    chain.unit.fail_fan(5)
+    chain.run(2.0)
+    assert chain.client.telemetry.report.reason == "Fan tail lost"
+    assert chain.client.telemetry.report.fan_ok == (True,) * 5 + (False,)
+    assert np.linalg.norm(chain.made()) == pytest.approx(60.0, abs=0.6)

@@ -100,8 +100,6 @@ def test_vanes_take_their_share_of_the_moment():
     [
         ("fans__resistance", 0.5),  # 44 A at most
         ("fans__no_load_current", 80.0),
-        ("fans__spin", [1.0, 1.0, -1.0, -1.0]),
-        ("fans__spin", [0.5, -0.5, -0.5, 0.5]),
         ("battery__cell_voltage", [3.0] * 11),
         ("esc__pulse_start", 900.0),
     ],

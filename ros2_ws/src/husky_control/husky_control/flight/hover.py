@@ -73,7 +73,7 @@ class Hover:
         """On the ground, fans off."""
         self.gains = gains or HoverGains()
         self.mass = float(robot.mass)
-        self.most = 4.0 * FanModel.of(robot).max_thrust
+        self.most = len(robot.rotor_names) * FanModel.of(robot).max_thrust
         self._tracker = BaseTracker(robot)
         self.phase = HoverPhase.OFF
         self.force = self.lift = self.height = 0.0

@@ -58,7 +58,8 @@ class Leap(Behaviour):
         super().__init__(name, context)
         assert context.morph is not None
         self._kinematics = Kinematics(context.robot)
-        self._most, self._flight = 4.0 * FanModel.of(context.robot).max_thrust, context.morph.flight
+        self._most = len(context.robot.legs) * FanModel.of(context.robot).max_thrust
+        self._flight = context.morph.flight
         self._move = PostureMove()
         self.phase = LeapPhase.CROUCH
         self._force = self._spent = 0.0

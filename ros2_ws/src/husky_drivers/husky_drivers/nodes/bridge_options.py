@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 from rclpy.node import Node
 
-from husky_description.robot import Robot, load_robot
-from husky_runtime.nodes.parameters import declare
+from husky_description.robot import Robot
+from husky_runtime.nodes.parameters import declare, declare_robot
 
 
 @dataclass(frozen=True)
@@ -34,18 +34,18 @@ class BridgeOptions:
         return self.pace == "lockstep"
 
 
-def declare_bridge(node: Node, robots: tuple[str, ...], devices: str) -> BridgeOptions:
+def declare_bridge(node: Node, actuation: str, devices: str) -> BridgeOptions:
     """Declare the parameters; return them.
 
     Args:
         node: the bridge.
-        robots: names of those that it can have; the first is the default.
+        actuation: of the robots that it can have.
         devices: what stands at the joints, in words.
 
     Raises:
         ValueError: a value that is not allowed.
     """
-    robot = load_robot(declare(node, "robot", robots[0], "which robot it is", allowed=robots))
+    robot = declare_robot(node, actuation)
     clocks = ("lockstep", "realtime", "hardware")
     waits = "lockstep: wait for the command of each tick; realtime, hardware: do not"
     pace = declare(node, "time", "lockstep", waits, allowed=clocks)

@@ -13,7 +13,7 @@ from rcl_interfaces.msg import SetParametersResult
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
 
-from husky_description.robot import ROBOTS
+from husky_description.actuation import DRIVES
 from husky_drivers.ethercat.axes import GREATEST_KD, GREATEST_KP, AxisSettings, settings_of
 from husky_drivers.ethercat.bus import available_buses, find_bus
 from husky_drivers.ethercat.commissioning import DriveError
@@ -33,7 +33,7 @@ class DriveBridge(JointBridge[Master]):
 
     def __init__(self) -> None:
         """Declare parameters, bring the bus up, serve."""
-        super().__init__(graph.DRIVE_BRIDGE, ROBOTS, Master.devices)
+        super().__init__(graph.DRIVE_BRIDGE, DRIVES, Master.devices)
         name = declare(self, "bus", "sim", "name of the EtherCAT bus", allowed=available_buses())
         settings = self._declare_axes()
         bus = find_bus(name)(self.options.robot)

@@ -14,7 +14,6 @@ import time
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 
 from husky_description.actuation import BUS_SERVOS
-from husky_description.robot import ROBOTS, load_robot
 from husky_drivers.dynamixel.chain import ServoChain
 from husky_drivers.dynamixel.port import DynamixelPort
 from husky_drivers.dynamixel.servo_master import ServoMaster
@@ -37,8 +36,7 @@ class ServoBridge(JointBridge[ServoMaster]):
 
     def __init__(self) -> None:
         """Declare parameters, prepare the line, serve."""
-        with_servos = tuple(name for name in ROBOTS if load_robot(name).actuation == BUS_SERVOS)
-        super().__init__(graph.SERVO_BRIDGE, with_servos, ServoMaster.devices)
+        super().__init__(graph.SERVO_BRIDGE, BUS_SERVOS, ServoMaster.devices)
         options, servo = self.options, self.options.robot.bus_servo
         default = default_serial_port(self, "servos")
         path = declare(self, "port", default, "serial port of the servo bus")

@@ -27,7 +27,7 @@ from husky_experiments.recordings.recording import Recording
 from husky_experiments.run import Run
 from husky_experiments.scripts import finish, ready_fans, stand_up
 from husky_experiments.session import Session
-from husky_pu.autopilot.mixer import Mixer
+from husky_pu.autopilot.weighted_mixer import mixer_of
 from husky_sim.propulsion.propulsion_figures import STEP, armed_unit, full_throttle
 from husky_sim.propulsion.propulsion_unit import PropulsionUnit
 
@@ -165,7 +165,7 @@ def level_thrust(robot: Robot, charge: float) -> float:
 
     Its centre of mass is not below the middle of the fans, so not all of them can give everything.
     """
-    unit, mixer, weight = armed_unit(robot, charge), Mixer(robot), robot.mass * GRAVITY
+    unit, mixer, weight = armed_unit(robot, charge), mixer_of(robot), robot.mass * GRAVITY
     x, y = center_of_mass(robot)
     for step in range(1200):
         if step % 4 == 0:
@@ -191,7 +191,9 @@ def hover_time(robot: Robot, reserve: float) -> float:
         enough = level_thrust(robot, middle) >= 1.0 + reserve
         low, high = (low, middle) if enough else (middle, high)
     pack, fan = PropulsionUnit(robot).battery, FanModel.from_section(robot.fans)
-    power = 4.0 * fan.electrical_power(robot.mass * GRAVITY / 4.0) + robot.battery.idle_power
+    count = len(robot.rotor_names)
+    each = fan.electrical_power(robot.mass * GRAVITY / count)
+    power = count * each + robot.battery.idle_power
     charge, time, dt = 1.0, 0.0, 0.02
     while charge > high:
         voc = pack.open_circuit_voltage(charge)

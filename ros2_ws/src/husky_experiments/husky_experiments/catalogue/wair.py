@@ -162,8 +162,8 @@ def _lose(run: Run, session: Session, course: Course) -> None:
         session.set_velocity(0.0)
         session.advance(_AFTER_FAULT)
         return
-    legs = run.robot().legs
-    session.inject(graph.PLANT_INJECT_FAULT, f"{legs[run.options.seed % len(legs)]}_fan", "fail")
+    fans = run.robot().rotor_names
+    session.inject(graph.PLANT_INJECT_FAULT, f"{fans[run.options.seed % len(fans)]}_fan", "fail")
     stands = go(session, course, _STOPPING, run.options.speed)
     way, speed = course.along(np.zeros(3)) - 0.1, run.options.speed
     within = 5.0 + 2.0 * (course.along(place(session)) - way) / speed

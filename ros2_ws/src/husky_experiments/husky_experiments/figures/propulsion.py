@@ -16,7 +16,7 @@ from husky_description.robot import Robot
 from husky_experiments.figures.style import (
     DESIRED,
     ESTIMATE,
-    LEG_COLOURS,
+    FAN_COLOURS,
     TRUTH,
     finish,
     frame_rows,
@@ -96,17 +96,18 @@ def fans(recording: Recording, robot: Robot, directory: Path) -> Path:
     figure, axes = make_figure(4, 1, "Fans", size=(13.0, 9.5), sharex=True)
     total, each, speed, pulses = axes[:, 0]
     line(total, truth.time, np.linalg.norm(truth.force, axis=1), TRUTH, linewidth=1.4)
-    entries = [*leg_entries(robot.legs), ("all", {"color": TRUTH})]
-    for index, colour in enumerate(LEG_COLOURS):
+    colours = FAN_COLOURS[: len(robot.rotor_names)]
+    entries = [*leg_entries(robot.rotor_names), ("all", {"color": TRUTH})]
+    for index, colour in enumerate(colours):
         line(each, truth.time, truth.thrust[:, index], colour)
         line(speed, truth.time, truth.speed[:, index], colour)
     if recording.has(graph.PROPULSION_STATE):
         state = recording.propulsion
         # Of whoever commands, controller or sticks: what the autopilot follows.
-        wanted = state.collective_desired * len(LEG_COLOURS) * FanModel.of(robot).max_thrust
+        wanted = state.collective_desired * len(colours) * FanModel.of(robot).max_thrust
         line(total, state.time, wanted, DESIRED, linestyle="--")
         entries.append(("commanded", {"color": DESIRED, "linestyle": "--"}))
-        for index, colour in enumerate(LEG_COLOURS):
+        for index, colour in enumerate(colours):
             line(pulses, state.time, state.pwm[:, index].astype(np.float64), colour)
     ropes = _ropes(recording)
     _frame(recording, axes[:, 0], ropes)

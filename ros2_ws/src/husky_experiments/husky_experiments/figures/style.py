@@ -21,6 +21,8 @@ from husky_runtime import graph
 
 LEG_COLOURS = ("#1f6fb4", "#d1495b", "#1b998b", "#e08e0b")
 """Front left, front right, hind left, hind right: left cool, right warm."""
+FAN_COLOURS = (*LEG_COLOURS, "#7b4fa6", "#7a5c3e", "#6b8e23", "#808080")
+"""As many as a robot may have fans; of four they are the legs'."""
 TRUTH = "#222222"
 ESTIMATE = "#1f6fb4"
 DESIRED = "#e07a00"
@@ -152,10 +154,10 @@ def legend(figure: Figure, entries: Sequence[tuple[str, Mapping[str, Any]]]) -> 
 
 
 def leg_entries(legs: Sequence[str], **look: Any) -> list[tuple[str, dict[str, Any]]]:
-    """Return the legend's entries of the four legs."""
+    """Return the legend's entries of the legs, or of fans by their names."""
     return [
         (name.replace("_", " "), {"color": colour, **look})
-        for name, colour in zip(legs, LEG_COLOURS, strict=True)
+        for name, colour in zip(legs, FAN_COLOURS, strict=False)
     ]
 
 

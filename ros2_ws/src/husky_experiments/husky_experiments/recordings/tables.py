@@ -125,11 +125,11 @@ class EstimateErrors(Table):
 # The propulsion unit ---------------------------------------------------------------------------
 @dataclass(frozen=True, eq=False)
 class Fans(Table):
-    """The truth about fans, battery and ropes; fans in the order of the legs."""
+    """The truth about m fans, battery and ropes; fans in the order of `Robot.rotor_names`."""
 
-    speed: Array  # of the rotors [rad/s] (n, 4)
-    thrust: Array  # [N] (n, 4)
-    current: Array  # that each speed controller draws [A] (n, 4)
+    speed: Array  # of the rotors [rad/s] (n, m)
+    thrust: Array  # [N] (n, m)
+    current: Array  # that each speed controller draws [A] (n, m)
     battery_voltage: Array  # at the bus [V] (n,)
     battery_current: Array  # out of the pack [A] (n,)
     battery_charge: Array  # share left, 0 to 1 (n,)
@@ -140,7 +140,7 @@ class Fans(Table):
 
 @dataclass(frozen=True, eq=False)
 class Propulsion(Table):
-    """What the autopilot reports."""
+    """What the autopilot reports of m fans."""
 
     connected: Mask  # (n,)
     armed: Mask  # (n,)
@@ -150,7 +150,7 @@ class Propulsion(Table):
     attitude_desired: Array  # base in world, quaternion (x, y, z, w) (n, 4)
     attitude: Array  # base in world, quaternion (x, y, z, w) (n, 4)
     collective_desired: Array  # share of full thrust, 0 to 1 (n,)
-    pwm: NDArray[np.uint16]  # pulses to the fans [us] (n, 4)
+    pwm: NDArray[np.uint16]  # pulses to the fans [us] (n, m)
     voltage: Array  # of the battery [V] (n,), NaN before it is known; renewed ten times a second
     current: Array  # out of it [A] (n,), as `voltage`
 

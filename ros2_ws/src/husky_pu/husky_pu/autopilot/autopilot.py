@@ -51,10 +51,6 @@ _LEAST_VOLTAGE = 5.0
 _RATE_BANDWIDTH = (10.0, 10.0, 4.0)
 """Crossover of the rate loops that default gains aim at [rad/s]; the fans' lag is 0.08 s."""
 
-_ALL = [True] * 4
-
-Pwm = tuple[int, int, int, int]
-
 
 @dataclass(frozen=True)
 class AutopilotConfig:
@@ -109,6 +105,7 @@ class Autopilot:
     """The flight controller.
 
     Attributes:
+        mixer: of the rotors.
         parameters: of the flight controller; they outlast a restart.
         vehicle: everything it knows.
         server: its side of MAVLink.
@@ -132,8 +129,9 @@ class Autopilot:
             ParameterError: a parameter of the configuration is unknown or out of range.
         """
         self.config = config if config is not None else AutopilotConfig()
-        self._mixer = mixer
-        self._inverse: list[list[float]] = np.linalg.inv(mixer.effectiveness).tolist()
+        self.mixer = mixer
+        self._inverse: list[list[float]] = np.linalg.pinv(mixer.effectiveness).tolist()
+        self._unknown = (math.nan,) * len(mixer.names)
         self._scale = [float(scale) for scale in mixer.moment_scale]
         self.parameters = FlightParameters(
             {**rate_gains(self.config.inertia, self._scale), **self.config.parameters},
@@ -161,8 +159,8 @@ class Autopilot:
         self._turned_at = 0.0
         self._voltage = 0.0
         self._read_changes = -1
-        self._watch = FanWatch(self._mixer.fan)
-        self._told = [0.0] * 4
+        self._watch = FanWatch(self.mixer.fan, len(self._unknown))
+        self._told = [0.0] * len(self._unknown)
         nowhere: Vector = (0.0, 0.0, 0.0)
         return Vehicle(
             p,
@@ -170,8 +168,10 @@ class Autopilot:
             input_,
             battery,
             AttitudeEstimator(),
-            FlightLogic(p, stream, input_, battery, self.config.gimbal),
-            SensorSample(0, nowhere, nowhere, nowhere, 0.0, 0.0, 0.0),
+            FlightLogic(p, stream, input_, battery, self.mixer.names, self.config.gimbal),
+            SensorSample(
+                0, nowhere, nowhere, nowhere, 0.0, 0.0, 0.0, self._unknown, self._unknown
+            ),
             files=self._files,
         )
 
@@ -203,12 +203,15 @@ class Autopilot:
         self.vehicle.input.radio(pulses, now, failsafe=failsafe, lost=lost)
 
     # The tick -----------------------------------------------------------------------------------
-    def tick(self, sensors: SensorSample) -> Pwm:
-        """Answer true sensor values with pulses to the fans, ordered as the legs [us].
+    def tick(self, sensors: SensorSample) -> tuple[int, ...]:
+        """Answer true sensor values with pulses to the fans, ordered as the mixer's names [us].
 
         Args:
-            sensors: later than the last; what is not finite counts as a sensor that is lost.
+            sensors: later than the last; what is not finite counts as a sensor that is lost, and
+                fans that it says nothing of as fans without telemetry.
         """
+        if not sensors.fan_speed:
+            sensors = sensors._replace(fan_speed=self._unknown, fan_current=self._unknown)
         vehicle = self.vehicle
         if self._last_ns < 0:
             vehicle.boot_unix = self._unix_time() - 1e-9 * sensors.time_ns
@@ -281,35 +284,33 @@ class Autopilot:
             sensors.fan_current,
             self._voltage,
             dt,
-            least=p["FD_ACT_MOT_THR"] * self._mixer.max_thrust,
+            least=p["FD_ACT_MOT_THR"] * self.mixer.max_thrust,
             patience=1e-3 * p["FD_ACT_MOT_TOUT"],
         ):
             logic.lose_fan(fan)
 
-    def _mix(self) -> Pwm:
+    def _mix(self) -> tuple[int, ...]:
         """Return the pulses for what the flight logic wants."""
         logic = self.vehicle.logic
         if not logic.armed:
-            self._told = [0.0] * 4
-            low = int(self.parameters["PWM_MAIN_DISARM"])
-            return (low, low, low, low)
+            self._told = [0.0] * len(self._told)
+            return (int(self.parameters["PWM_MAIN_DISARM"]),) * len(self._told)
         roll, pitch, yaw = logic.moments
         sx, sy, sz = self._scale
         voltage = self._voltage if self._voltage > _LEAST_VOLTAGE else None
-        collective = logic.thrust * self._mixer.max_collective
+        collective = logic.thrust * self.mixer.max_collective
         moment = (roll * sx, -pitch * sy, -yaw * sz)  # FRD to FLU
         if self.config.gimbal is not None:
             moment = into_unit(logic.tilt, moment)
         x, y, z = moment
-        left = logic.fans_ok if self.parameters["CA_FAILURE_MODE"] else _ALL
+        left = logic.fans_ok if self.parameters["CA_FAILURE_MODE"] else [True] * len(self._told)
         thrusts: Any = [f * collective + g * x + h * y + i * z for f, g, h, i in self._inverse]
-        if min(thrusts) < 0.0 or max(thrusts) > self._mixer.thrust_limit(voltage) or not all(left):
+        if min(thrusts) < 0.0 or max(thrusts) > self.mixer.thrust_limit(voltage) or not all(left):
             # Something has to give way.
             rise = math.inf if logic.may_rise else 0.0
-            thrusts = self._mixer.allocate(collective, moment, voltage, left, rise=rise)
+            thrusts = self.mixer.allocate(collective, moment, voltage, left, rise=rise)
         self._told[:] = thrusts
-        a, b, c, d = self._mixer.pulses(thrusts, voltage).tolist()
-        return (a, b, c, d)
+        return tuple(self.mixer.pulses(thrusts, voltage).tolist())
 
     def _read_parameters(self) -> None:
         """Read what control uses, once after each change."""

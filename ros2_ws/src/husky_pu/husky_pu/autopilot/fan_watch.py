@@ -14,7 +14,6 @@ import math
 from collections.abc import Sequence
 
 from husky_description.fan import FanModel
-from husky_description.robot import LEG_NAMES
 
 _LAG = 0.1
 """Time constant behind which a told thrust must have come about [s]; the fans' is 0.08 s."""
@@ -22,22 +21,21 @@ _SLOW = 0.9
 """Share of the speed that belongs to the thrust, below which a rotor is slow."""
 _WEAK = 0.5
 """Share of the jet's power, below which a fan does not drive it."""
-_COUNT = 4
 
 
 class FanWatch:
-    """Watches four fans; `ok` says which are not lost, and a loss stays until `reset`."""
+    """Watches all fans; `ok` says which are not lost, and a loss stays until `reset`."""
 
-    def __init__(self, fan: FanModel):
-        """Begin with all fans there; `fan` is what one should do."""
+    def __init__(self, fan: FanModel, count: int):
+        """Begin with `count` fans, all there; `fan` is what one should do."""
         self._fan = fan
-        self.ok = [True] * _COUNT
-        self._expected = [0.0] * _COUNT
-        self._missing_for = [0.0] * _COUNT
+        self.ok = [True] * count
+        self._expected = [0.0] * count
+        self._missing_for = [0.0] * count
 
     def reset(self) -> None:
         """Take all fans for sound again: disarmed."""
-        self.__init__(self._fan)  # type: ignore[misc]
+        self.__init__(self._fan, len(self.ok))  # type: ignore[misc]
 
     def update(
         self,
@@ -53,9 +51,9 @@ class FanWatch:
         """Look at the fans; return those that have just been found lost.
 
         Args:
-            told: thrust of each [N] (4,).
-            speed: of each rotor [rad/s] (4,), NaN unknown.
-            current: that each takes from the bus [A] (4,), NaN unknown.
+            told: thrust of each [N] (n,).
+            speed: of each rotor [rad/s] (n,), NaN unknown.
+            current: that each takes from the bus [A] (n,), NaN unknown.
             voltage: of the bus [V].
             dt: since the last look [s].
             least: thrust below which a fan is not judged [N].
@@ -63,7 +61,7 @@ class FanWatch:
         """
         share = 1.0 - math.exp(-dt / _LAG)
         missing = []
-        for i in range(_COUNT):
+        for i in range(len(self.ok)):
             self._expected[i] += share * (told[i] - self._expected[i])
             thrust = min(told[i], self._expected[i])
             fails = thrust > least and self._fails(thrust, speed[i], current[i], voltage)
@@ -82,6 +80,6 @@ class FanWatch:
         return slow and current * voltage < _WEAK * self._fan.jet_power(thrust)
 
 
-def name_lost(ok: Sequence[bool]) -> str:
-    """Return the names of the fans that are lost, by their legs."""
-    return ", ".join(leg for leg, is_ok in zip(LEG_NAMES, ok, strict=True) if not is_ok)
+def name_lost(names: Sequence[str], ok: Sequence[bool]) -> str:
+    """Return the names of the fans that are lost."""
+    return ", ".join(name for name, is_ok in zip(names, ok, strict=True) if not is_ok)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 from husky_description.gimbal import NEUTRAL, Angles, Gimbal, axis
-from husky_description.robot import LEG_NAMES
 from husky_description.rotation import (
     Quaternion,
     Vector,
@@ -54,13 +54,15 @@ class FlightLogic:
         stream: SetpointStream,
         input_: StickInput,
         battery: BatteryMonitor,
+        fans: Sequence[str],
         gimbal: Gimbal | None = None,
     ):
-        """Start disarmed in STABILIZED; `gimbal` is None for fans that are fixed."""
+        """Start disarmed in STABILIZED; `fans` are their names, `gimbal` None if they are fixed."""
         self._gimbal = gimbal
         self.tilt: Angles = NEUTRAL
         self._told_across = False
-        self.fans_ok = [True] * 4
+        self._fans = fans
+        self.fans_ok = [True] * len(fans)
         self._p = parameters
         self._stream = stream
         self._input = input_
@@ -156,7 +158,7 @@ class FlightLogic:
     def lose_fan(self, index: int) -> None:
         """A fan does not do what it is told; so it is until the next disarming."""
         self.fans_ok[index] = False
-        self._say(Severity.CRITICAL, f"Fan {LEG_NAMES[index]} lost")
+        self._say(Severity.CRITICAL, f"Fan {self._fans[index]} lost")
 
     @property
     def may_rise(self) -> bool:
@@ -358,7 +360,7 @@ class FlightLogic:
         self.failsafe = self._descent = None
         self.thrust, self.moments, self.rates_desired = 0.0, ZERO, ZERO
         self._tilted_for = 0.0
-        self.fans_ok[:] = [True] * 4
+        self.fans_ok[:] = [True] * len(self._fans)
         self._control.reset()
 
     def _sticks_alive(self) -> bool:

@@ -46,7 +46,7 @@ class FlightParameter:
 _ROWS: tuple[tuple[str, int | float, float, float, str], ...] = (
     ("MAV_SYS_ID", 1, 1, 250, "system id"),
     ("MAV_COMP_ID", 1, 1, 250, "component id"),
-    ("MAV_TYPE", 2, 0, 40, "MAV_TYPE in the heartbeat: quadrotor"),
+    ("MAV_TYPE", 2, 0, 40, "MAV_TYPE in the heartbeat, by the rotors: 2 quadrotor"),
     ("SYS_AUTOSTART", 4001, 0, 999999, "airframe: generic quadrotor"),
     ("ATT_W_ACC", 0.2, 0.0, 10.0, "weight of the accelerometer [1/s]"),
     ("ATT_W_MAG", 0.1, 0.0, 10.0, "weight of the magnetometer [1/s]"),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -11,9 +10,7 @@ import numpy as np
 
 from husky_description.rotation import Vector
 
-PerFan = tuple[float, float, float, float]
-UNKNOWN: PerFan = (math.nan,) * 4
-"""Of speed controllers without telemetry."""
+PerFan = tuple[float, ...]
 
 _BLOCK = 500
 """Samples drawn at once: one second's worth."""
@@ -30,8 +27,9 @@ class SensorSample(NamedTuple):
         pressure: of the air [Pa].
         battery_voltage: at the power module [V].
         battery_current: drawn from the battery [A].
-        fan_speed: of each rotor, by its speed controller's telemetry [rad/s]; NaN without.
-        fan_current: that each speed controller takes [A]; NaN without.
+        fan_speed: of each rotor, by its speed controller's telemetry [rad/s]; NaN without,
+            or none.
+        fan_current: that each speed controller takes [A]; as `fan_speed`.
     """
 
     time_ns: int
@@ -41,8 +39,8 @@ class SensorSample(NamedTuple):
     pressure: float
     battery_voltage: float
     battery_current: float
-    fan_speed: PerFan = UNKNOWN
-    fan_current: PerFan = UNKNOWN
+    fan_speed: PerFan = ()
+    fan_current: PerFan = ()
 
 
 @dataclass(frozen=True)

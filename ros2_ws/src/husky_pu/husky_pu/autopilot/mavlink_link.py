@@ -112,7 +112,7 @@ class MavlinkLink:
         return self.take_output()
 
     # Streams ------------------------------------------------------------------------------------
-    def send_due(self, count: int, made: dict[int, Message]) -> list[Message]:
+    def send_due(self, count: int, made: dict[int, list[Message]]) -> list[Message]:
         """Send what is due in a tick; return messages of a frame that was given up.
 
         Args:
@@ -134,10 +134,11 @@ class MavlinkLink:
         for interval, numbers in self._due:
             if count % interval == 0:
                 for number in numbers:
-                    message = made.get(number)
-                    if message is None:
-                        message = made[number] = STREAMS[number].make(self._vehicle)
-                    self.send(message)
+                    messages = made.get(number)
+                    if messages is None:
+                        messages = made[number] = STREAMS[number].messages(self._vehicle)
+                    for message in messages:
+                        self.send(message)
         if count % TICKS_PER_SECOND == 0 and self._codec.signing.secret_key is not None:
             signing = self._codec.signing
             signing.timestamp = max(signing.timestamp, signing_time(self._unix_time()))
@@ -173,7 +174,8 @@ class MavlinkLink:
         stream = STREAMS.get(message_id)
         if stream is None:
             return False
-        self.send(stream.make(self._vehicle))
+        for message in stream.messages(self._vehicle):
+            self.send(message)
         return True
 
     # Files --------------------------------------------------------------------------------------

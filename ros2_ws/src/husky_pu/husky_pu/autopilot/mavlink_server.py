@@ -192,7 +192,7 @@ class MavlinkServer:
         ):
             self._refused_told = unsigned
         self._send_texts()
-        made: dict[int, Message] = {}
+        made: dict[int, list[Message]] = {}
         for name, link in self.links:
             for late in link.send_due(self._count, made):
                 self._sort(late, name, link)

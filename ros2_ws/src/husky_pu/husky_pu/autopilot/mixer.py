@@ -1,4 +1,4 @@
-"""From a collective thrust and a moment to four fans and back.
+"""From a collective thrust and a moment to four fans at the corners of a rectangle, and back.
 
 Fan i at (x_i, y_i) with spin s_i and moment per thrust q gives, in base (x forward, y left, z up):
 collective = sum T_i, roll = sum y_i T_i, pitch = -sum x_i T_i, yaw = -sum s_i q T_i (steady state).
@@ -29,19 +29,28 @@ from numpy.typing import NDArray
 from husky_description.arrays import Array
 from husky_description.fan import FanModel
 from husky_description.robot import Robot
+from husky_description.sections import FansSection
 from husky_pu.autopilot.rotor_thrust import RotorThrust
 
 
+def stands_in_rectangle(fans: FansSection) -> bool:
+    """Return whether there is one fan in each corner of a rectangle about base's origin."""
+    x, y = fans.reach.tolist()
+    corners = {(x, y), (x, -y), (-x, y), (-x, -y)}
+    return len(fans.rotors) == 4 and set(map(tuple, fans.place.tolist())) == corners
+
+
 class Mixer(RotorThrust):
-    """Allocation of the four fans, ordered as the legs."""
+    """Allocation of four fans."""
 
     def __init__(self, robot: Robot):
-        """Take the robot's fans; raises ValueError if they stand on a line."""
+        """Take the robot's fans; raises ValueError if they stand otherwise."""
         fans = robot.fans
-        if min(fans.x, fans.y) <= 0.0:
-            raise ValueError(f"fans.x {fans.x:g}, fans.y {fans.y:g}: no lever to roll or pitch")
-        self._lever = (fans.y, fans.x, FanModel.of(robot).moment_per_thrust)
-        side, fore = np.sign(robot.fan_position[:, 1]), np.sign(robot.fan_position[:, 0])
+        if not stands_in_rectangle(fans):
+            raise ValueError(f"fans.rotors: at {fans.place.tolist()} m, not in a rectangle")
+        x, y = fans.reach.tolist()
+        self._lever = (y, x, FanModel.of(robot).moment_per_thrust)
+        fore, side = np.sign(fans.place.T)
         patterns = np.array([side, -fore, -fans.spin])
         self._pattern: list[list[float]] = patterns.T.tolist()
         super().__init__(robot, fans.max_thrust, fans.voltage, self._lever, patterns)
@@ -94,7 +103,7 @@ class Mixer(RotorThrust):
         T_a - T_b = (s roll - f pitch) / 2.
         """
         s, f, _ = self._pattern[lost]
-        opposite = 3 - lost
+        opposite = next(i for i in range(4) if self._pattern[i][:2] == [-s, -f])
         a = next(i for i in range(4) if i != lost and self._pattern[i][0] == s)
         b = next(i for i in range(4) if i != lost and self._pattern[i][1] == f)
         highest = total + rise

@@ -1,4 +1,4 @@
-"""What four equal rotors give by pulses and bus voltage, and what a mixer of them must do."""
+"""What equal rotors give by pulses and bus voltage, and what a mixer of them must do."""
 
 from __future__ import annotations
 
@@ -17,14 +17,15 @@ from husky_description.robot import Robot
 
 
 class RotorThrust(ABC):
-    """Thrust of four equal rotors by pulses and bus voltage, ordered as the legs.
+    """Thrust of n equal rotors by pulses and bus voltage, ordered as `names`.
 
     Attributes:
+        names: of the rotors.
         fan: thrust curve of one.
         max_thrust: of one at `voltage` [N].
-        max_collective: of four at `voltage` [N]; 1 of a normalised thrust.
+        max_collective: of all at `voltage` [N]; 1 of a normalised thrust.
         voltage: of the bus at which these hold [V].
-        effectiveness: (4, 4) from thrusts [N] to collective [N] and moment in base [N m].
+        effectiveness: (4, n) from thrusts [N] to collective [N] and moment in base [N m].
         moment_scale: (3,) roll, pitch, yaw [N m] that one unit of a normalised moment means: what
             half the collective can carry, every rotor between none and full thrust.
     """
@@ -44,13 +45,16 @@ class RotorThrust(ABC):
             max_thrust: of one rotor at full throttle [N].
             voltage: of the bus then [V].
             levers: of roll, pitch, yaw [m].
-            patterns: (3, 4) roll, pitch, yaw of each rotor's thrust over the lever and the thrust.
+            patterns: (3, n) roll, pitch, yaw of each rotor's thrust over the lever and the thrust.
         """
         self.fan = FanModel.of(robot)
         self.max_thrust, self.voltage = max_thrust, voltage
-        self.max_collective = 4.0 * max_thrust
-        self.moment_scale = frozen(2.0 * max_thrust * np.array(levers))
-        self.effectiveness = frozen(np.vstack((np.ones(4), patterns * np.array(levers)[:, None])))
+        self.names = robot.rotor_names
+        count = len(self.names)
+        self.max_collective = count * max_thrust
+        self.moment_scale = frozen(count / 2.0 * max_thrust * np.array(levers))
+        up = np.ones(count)
+        self.effectiveness = frozen(np.vstack((up, patterns * np.array(levers)[:, None])))
         self._low, self._start = robot.esc.pulse_low, robot.esc.pulse_start
         self._span = robot.esc.pulse_high - robot.esc.pulse_low
 
@@ -74,13 +78,13 @@ class RotorThrust(ABC):
         available: Sequence[bool] | NDArray[np.bool_] | None = None,
         rise: float = math.inf,
     ) -> Array:
-        """Return the thrust of each rotor [N] (4,).
+        """Return the thrust of each rotor [N] (n,).
 
         Args:
             collective: along base z [N]; below 0 counts as 0.
             moment: (3,) in base [N m].
             voltage: of the bus [V]; `voltage` of the class if None.
-            available: (4,) false for a rotor that is lost; all there if None.
+            available: (n,) false for a rotor that is lost; all there if None.
             rise: how far above the demand moments may raise the collective [N] >= 0.
 
         Raises:
@@ -96,14 +100,14 @@ class RotorThrust(ABC):
         return float(most.sum())
 
     def wrench(self, thrust: Sequence[float] | Array) -> tuple[float, Array]:
-        """Collective [N] and moment in base [N m] (3,) that steady thrusts [N] (4,) give."""
+        """Collective [N] and moment in base [N m] (3,) that steady thrusts [N] (n,) give."""
         result = self.effectiveness @ np.asarray(thrust, float)
         return float(result[0]), result[1:]
 
     def pulses(
         self, thrust: Sequence[float] | Array, voltage: float | None = None
     ) -> NDArray[np.uint16]:
-        """Pulse widths [us] (4,) that keep the thrusts [N] (4,), within low and high pulse.
+        """Pulse widths [us] (n,) that keep the thrusts [N] (n,), within low and high pulse.
 
         What would fall into the speed controllers' dead band becomes the low pulse.
 
@@ -111,7 +115,7 @@ class RotorThrust(ABC):
             ValueError: a thrust or the voltage is not finite.
         """
         bus = self._checked(voltage)
-        result = np.empty(4, np.uint16)
+        result = np.empty(len(self.names), np.uint16)
         for i, wanted in enumerate(thrust):
             if not math.isfinite(wanted):
                 raise ValueError(f"thrust: {thrust!r} is not finite")
@@ -123,9 +127,9 @@ class RotorThrust(ABC):
         return result
 
     def steady_thrust(self, pulses: Any, voltage: float | None = None) -> Array:
-        """Thrusts [N] (4,) that pulses [us] (4,) keep; inverse of `pulses` but for rounding."""
+        """Thrusts [N] (n,) that pulses [us] (n,) keep; inverse of `pulses` but for rounding."""
         bus = self._checked(voltage)
-        result = np.zeros(4)
+        result = np.zeros(len(self.names))
         for i, pulse in enumerate(pulses):
             if pulse >= self._start:
                 throttle = min((float(pulse) - self._low) / self._span, 1.0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
@@ -24,6 +24,7 @@ from husky_pu.autopilot.rc import StickInput
 from husky_pu.autopilot.setpoints import SetpointStream
 from husky_pu.mavlink.dialect import (
     COMPONENT_METADATA,
+    ESC_BATCH,
     ESC_FAILURE_GENERIC,
     ESC_INFO,
     ESC_STATUS,
@@ -45,7 +46,7 @@ _BASE_MODES = {
 }
 _ARMED = 128
 _SATURATED = 32767
-"""Greatest current in a field of 16 bits [cA]: 327.67 A, which four fans can exceed. It stays
+"""Greatest current in a field of 16 bits [cA]: 327.67 A, which the fans can exceed. It stays
 there; a reader takes it for "at least so much"."""
 _CAPABILITIES = (
     mavlink.MAV_PROTOCOL_CAPABILITY_MISSION_INT  # the messages; there are no items
@@ -63,6 +64,8 @@ _RATES, _ATTITUDE, _MOTORS, _RADIO = 1024, 2048, 32768, 65536
 _FENCE, _BATTERY, _PREARM = 1 << 20, 1 << 25, 1 << 28
 _UNUSED = 65535
 _NO_TEMPERATURE = 32767
+_OUTPUTS = 16
+"""Of SERVO_OUTPUT_RAW."""
 
 
 @dataclass
@@ -93,7 +96,7 @@ class Vehicle:
     logic: FlightLogic
     sensors: SensorSample
     time_ns: int = 0
-    pwm: tuple[int, int, int, int] = (0, 0, 0, 0)
+    pwm: tuple[int, ...] = ()
     tilt: tuple[int, int] = (0, 0)
     damaged: int = 0
     boot_unix: float = 0.0
@@ -249,24 +252,38 @@ def rc_channels(v: Vehicle) -> Message:
 
 def servo_output_raw(v: Vehicle) -> Message:
     """SERVO_OUTPUT_RAW: fans, tilt servos; its clock has 32 bits and wraps after 71 minutes."""
-    return mavlink.MAVLink_servo_output_raw_message(
-        v.boot_us & 0xFFFFFFFF, 0, *v.pwm, *v.tilt, 0, 0
-    )
+    outputs = (*v.pwm, *v.tilt)
+    unused = (0,) * (_OUTPUTS - len(outputs))
+    return mavlink.MAVLink_servo_output_raw_message(v.boot_us & 0xFFFFFFFF, 0, *outputs, *unused)
 
 
-def esc_status(v: Vehicle) -> Message:
+def esc_status(v: Vehicle) -> list[Message]:
     """ESC_STATUS: what the speed controllers tell; zero without their telemetry."""
     s = v.sensors
     rpm = [round(_known(speed) * 30.0 / math.pi) for speed in s.fan_speed]
-    voltage = v.battery.voltage if _tells(v) else 0.0
-    return EscStatus(0, v.boot_us, rpm, [voltage] * 4, [_known(i) for i in s.fan_current])
+    current = [_known(i) for i in s.fan_current]
+    voltage = [v.battery.voltage if _tells(v) else 0.0] * len(rpm)
+    return [
+        EscStatus(first, v.boot_us, _four(rpm, first), _four(voltage, first), _four(current, first))
+        for first in range(0, len(rpm), ESC_BATCH)
+    ]
 
 
-def esc_info(v: Vehicle) -> Message:
-    """ESC_INFO: which fans are lost; as many online as tell something."""
+def esc_info(v: Vehicle) -> list[Message]:
+    """ESC_INFO: which fans are lost; all are online if they tell something."""
     flags = [0 if ok else ESC_FAILURE_GENERIC for ok in v.logic.fans_ok]
-    online = 15 if _tells(v) else 0
-    return EscInfo(0, v.boot_us, 0, 4, 0, online, flags, [0] * 4, [_NO_TEMPERATURE] * 4)
+    count, cold = len(flags), [_NO_TEMPERATURE] * ESC_BATCH
+    online = (1 << count) - 1 if _tells(v) else 0
+    return [
+        EscInfo(first, v.boot_us, 0, count, 0, online, _four(flags, first), [0] * ESC_BATCH, cold)
+        for first in range(0, count, ESC_BATCH)
+    ]
+
+
+def _four(values: Sequence[float], first: int) -> list[float]:
+    """Return what a message says of four speed controllers, zero for those that are not there."""
+    some = list(values[first : first + ESC_BATCH])
+    return some + [0] * (ESC_BATCH - len(some))
 
 
 def _tells(v: Vehicle) -> bool:
@@ -320,12 +337,17 @@ class Stream:
     """A message that is sent by itself or on request.
 
     Attributes:
-        make: builds it.
+        make: builds it, or the several that say it together.
         rate: by default [Hz], 0 for only on request.
     """
 
-    make: Callable[[Vehicle], Any]
+    make: Callable[[Vehicle], Message | list[Message]]
     rate: float
+
+    def messages(self, vehicle: Vehicle) -> list[Message]:
+        """Return what there is to send now."""
+        made = self.make(vehicle)
+        return made if isinstance(made, list) else [made]
 
 
 STREAMS: dict[int, Stream] = {

@@ -53,6 +53,7 @@ class ClientConfig:
         signing_key: 32 bytes, empty for no signing.
     """
 
+    fans: int
     source_system: int = 0
     target_system: int = 0
     telemetry_rate: float = 50.0
@@ -83,7 +84,7 @@ class MavlinkClient:
     def __init__(self, config: ClientConfig, unix_time: Callable[[], float] = time.time):
         """Begin without an autopilot; `unix_time` [s since 1970] stamps signatures alone."""
         self.config = config
-        self.telemetry = Telemetry()
+        self.telemetry = Telemetry(config.fans)
         self.connected = False
         self.target = (config.target_system, 1 if config.target_system else 0)
         self.connections = self.losses = self.missing = self.foreign = 0

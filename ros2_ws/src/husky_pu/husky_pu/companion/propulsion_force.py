@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from husky_description.gimbal import NEUTRAL, Angles, Gimbal, axis
 from husky_description.robot import Robot
 from husky_description.rotation import Vector
-from husky_pu.autopilot.posture_mixer import mixer_of
+from husky_pu.autopilot.weighted_mixer import mixer_of
 from husky_pu.companion.telemetry import Report
 
 

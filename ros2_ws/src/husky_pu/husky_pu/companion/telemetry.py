@@ -5,10 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from operator import attrgetter
+from typing import TypeVar
 
 from husky_description.rotation import Quaternion
 from husky_pu.mavlink.axes import ros_attitude
 from husky_pu.mavlink.frames import Message
+
+T = TypeVar("T")
 
 SATURATED = 32767
 """What a current field of 16 bits shows from 327.67 A on [cA]."""
@@ -69,7 +73,7 @@ class Report:
         attitude_desired: FLU to ENU (x, y, z, w).
         attitude: the same as measured.
         collective_desired: share of full thrust, 0 to 1.
-        pwm: of the first four outputs [us].
+        pwm: of the outputs to the fans, the first [us].
         tilt: of the two behind them, the servos of the thrust's axis [us]; 0 for none.
         fan_speed: of the rotors [rad/s]; NaN as long as no speed controller tells.
         fan_ok: false for a fan that is lost.
@@ -84,10 +88,10 @@ class Report:
     attitude_desired: Quaternion = _NO_ROTATION
     attitude: Quaternion = _NO_ROTATION
     collective_desired: float = 0.0
-    pwm: tuple[int, int, int, int] = (0, 0, 0, 0)
+    pwm: tuple[int, ...] = ()
     tilt: tuple[int, int] = (0, 0)
-    fan_speed: tuple[float, ...] = (math.nan,) * 4
-    fan_ok: tuple[bool, ...] = (True,) * 4
+    fan_speed: tuple[float, ...] = ()
+    fan_ok: tuple[bool, ...] = ()
     battery: BatteryReading = BatteryReading()
 
 
@@ -102,9 +106,10 @@ class Telemetry:
         warning: the text that has just come, if it was a warning, else "".
     """
 
-    def __init__(self) -> None:
-        """Nothing is known."""
-        self.report = Report()
+    def __init__(self, fans: int) -> None:
+        """Nothing is known yet of a unit with so many fans."""
+        self._unknown = (math.nan,) * fans
+        self.report = Report(pwm=(0,) * fans, fan_speed=self._unknown, fan_ok=(True,) * fans)
         self.autopilot = 0
         self.invalid = 0
         self.boots = 0
@@ -181,26 +186,30 @@ class Telemetry:
         )
 
     def _servo_output_raw(self, message: Message) -> None:
+        outputs = _outputs(message)
+        fans = len(self._unknown)
         self.report = replace(
             self.report,
             boot_us=self._unwrap(message.time_usec),
-            pwm=(message.servo1_raw, message.servo2_raw, message.servo3_raw, message.servo4_raw),
-            tilt=(message.servo5_raw, message.servo6_raw),
+            pwm=outputs[:fans],
+            tilt=(outputs[fans], outputs[fans + 1]),
         )
 
     def _esc_status(self, message: Message) -> None:
-        if message.index == 0 and self._escs_tell:
-            speeds = tuple(rpm * math.pi / 30.0 for rpm in message.rpm)
-            self.report = replace(self.report, fan_speed=speeds)
+        if self._escs_tell:
+            speeds = [rpm * math.pi / 30.0 for rpm in message.rpm]
+            speed = _with_batch(self.report.fan_speed, speeds, message.index)
+            self.report = replace(self.report, fan_speed=speed)
 
     def _esc_info(self, message: Message) -> None:
-        if message.index != 0:
-            return
-        self._escs_tell = message.info & 15 == 15
-        ok = tuple(flags == 0 for flags in message.failure_flags)
-        self.report = replace(self.report, fan_ok=ok)
+        everyone = (1 << len(self._unknown)) - 1
+        self._escs_tell = message.info & everyone == everyone
+        sound = [flags == 0 for flags in message.failure_flags]
+        self.report = replace(
+            self.report, fan_ok=_with_batch(self.report.fan_ok, sound, message.index)
+        )
         if not self._escs_tell:
-            self.report = replace(self.report, fan_speed=(math.nan,) * 4)
+            self.report = replace(self.report, fan_speed=self._unknown)
 
     def _unwrap(self, low_us: int) -> int:
         """Return the time of which the 32 bits are known, near the other messages' [us].
@@ -264,6 +273,14 @@ _NOTED = {
     "SYS_STATUS": Telemetry._sys_status,
     "STATUSTEXT": Telemetry._statustext,
 }
+
+
+_outputs = attrgetter(*(f"servo{number}_raw" for number in range(1, 17)))
+
+
+def _with_batch(of_all: tuple[T, ...], batch: Sequence[T], first: int) -> tuple[T, ...]:
+    """Return what is known of all fans after a message about those from `first` on."""
+    return (*of_all[:first], *batch, *of_all[first + len(batch) :])[: len(of_all)]
 
 
 def _flat(value: object) -> Sequence[float]:

@@ -18,6 +18,8 @@ from pymavlink.dialects.v20 import common as mavlink
 from pymavlink.generator import mavgen_python
 from pymavlink.generator.mavparse import MAVXML, PROTOCOL_2_0
 
+ESC_BATCH = 4
+"""Speed controllers that one ESC_INFO or ESC_STATUS tells of, from its index on."""
 ESC_FAILURE_GENERIC = 64
 """Bit of ESC_INFO.failure_flags."""
 

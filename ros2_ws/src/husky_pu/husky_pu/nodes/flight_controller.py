@@ -26,7 +26,7 @@ from husky_pu.radio import sbus
 from husky_runtime import graph
 from husky_runtime.lockstep import Peer, Presence
 from husky_runtime.nodes import diagnostics, qos, stamps
-from husky_runtime.nodes.message_guard import refuser
+from husky_runtime.nodes.message_guard import Refused, refuser
 from husky_runtime.nodes.one_clock import OneClock
 from husky_runtime.nodes.parameters import declare
 from husky_runtime.nodes.presence import make_peer
@@ -55,6 +55,7 @@ class FlightController(OneClock, Node):
         grace = declare(self, "grace", 1.0, what, 0.2, 60.0)
         self._memory = declare_memory(self)
         self._autopilot = declare_autopilot(self, self._memory, lockstep=self._lockstep)
+        self._names = self._autopilot.mixer.names
         self._keepings = self._autopilot.parameters.keepings
         self._ports = FlightControllerPorts(self, self._autopilot.server)
         what = "between the radio's frames, which lockstep counts [s]"
@@ -87,6 +88,10 @@ class FlightController(OneClock, Node):
         self._gate.hear_witness(stamps.to_ns(clock.clock))
 
     def _on_sensors(self, message: FlightSensors) -> None:
+        count = len(self._names)
+        for name, values in (("speed", message.fan_speed), ("current", message.fan_current)):
+            if len(values) != count:
+                raise Refused(f"fan_{name} holds {len(values)} values, it must be {count}")
         for turn, each in self._gate.admit(stamps.to_ns(message.stamp), message):
             if turn is Turn.REPEAT:
                 if self._tick_ns >= 0:
@@ -105,8 +110,8 @@ class FlightController(OneClock, Node):
             message.pressure,
             message.battery_voltage,
             message.battery_current,
-            tuple(message.fan_speed.tolist()),
-            tuple(message.fan_current.tolist()),
+            tuple(message.fan_speed),
+            tuple(message.fan_current),
         )
         self._go_on()
 
@@ -150,7 +155,7 @@ class FlightController(OneClock, Node):
         if self._lockstep:
             while (frame := self._pace.next_due(sample.time_ns)) is not None:
                 self._receive_frame(frame)
-        self._command.pwm[:] = self._autopilot.tick(sample)
+        self._command.pwm = self._autopilot.tick(sample)
         self._command.tilt[:] = self._autopilot.vehicle.tilt
         stamps.fill(self._command.stamp, sample.time_ns)
         self._publisher.publish(self._command)
@@ -221,7 +226,7 @@ class FlightController(OneClock, Node):
     def close(self) -> None:
         """Stop the pulses and close the ports."""
         if self._tick_ns >= 0:
-            self._command.pwm[:] = 0
+            self._command.pwm = [0] * len(self._names)
             self._publisher.publish(self._command)
         self._ports.close()
         self._remember()
@@ -240,7 +245,7 @@ class FlightController(OneClock, Node):
             "armed": logic.armed,
             "mode": logic.mode.value,
             "failsafe": logic.failsafe.value if logic.failsafe else "",
-            "fans_lost": name_lost(logic.fans_ok),
+            "fans_lost": name_lost(self._names, logic.fans_ok),
             "battery_remaining": f"{vehicle.battery.remaining:.2f}",
             "parameters_kept": len(self._autopilot.parameters.kept),
             "links": ", ".join(map(_link_name, server.links.names)),

@@ -12,7 +12,7 @@ from husky_pu.autopilot.autopilot import Autopilot, AutopilotConfig
 from husky_pu.autopilot.flight_parameters import read_overrides
 from husky_pu.autopilot.imu import NO_ERRORS, ImuErrors
 from husky_pu.autopilot.parameter_file import ParameterFile
-from husky_pu.autopilot.posture_mixer import mixer_of
+from husky_pu.autopilot.weighted_mixer import mixer_of
 from husky_pu.mavlink.frames import read_key
 from husky_runtime.nodes.parameters import declare, declare_mounting, declare_robot, declare_sensing
 

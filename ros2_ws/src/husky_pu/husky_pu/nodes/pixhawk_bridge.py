@@ -62,8 +62,8 @@ class PixhawkBridge(DeviceNode[CompanionLink]):
         what = "serial:<path>:<baud>, udpin:<address>:<port> or udpout:<address>:<port>"
         self._connection = declare(self, "connection", line, what)
         self._open = opener(self._connection)
-        self._config = declare_config(self, lockstep=mode == "lockstep")
         robot = declare_robot(self, **declare_mounting(self))
+        self._config = declare_config(self, robot, lockstep=mode == "lockstep")
         self._limits = declare_limits(self, robot)
         self._force = ForceEstimate(robot)
         self._boot_clock = BootClock() if mode == "hardware" else None
@@ -73,7 +73,7 @@ class PixhawkBridge(DeviceNode[CompanionLink]):
         self._command_at = -math.inf
         self._bundles = 0
         self._heard = False
-        self._report = PixhawkReport(self._connection)
+        self._report = PixhawkReport(self._connection, robot.rotor_names)
         offer = self.create_lifecycle_publisher
         self._state_publisher = offer(PropulsionState, graph.PROPULSION_STATE, qos.STATUS)
         self._battery_publisher = offer(BatteryState, graph.BATTERY, qos.STATUS)
@@ -95,7 +95,7 @@ class PixhawkBridge(DeviceNode[CompanionLink]):
         """Return a link on which nothing has been said yet."""
         self._client = MavlinkClient(self._config)
         self._setpoints = ThrustSetpoints(self._limits)
-        self._report = PixhawkReport(self._connection)
+        self._report = PixhawkReport(self._connection, self._report.fans)
         return CompanionLink(self._client, self._open, self._publish, self._on_link_state)
 
     def _load(self) -> str:

@@ -8,7 +8,7 @@ from rclpy.node import Node
 
 from husky_description.gimbal import Gimbal
 from husky_description.robot import Robot
-from husky_pu.autopilot.posture_mixer import mixer_of
+from husky_pu.autopilot.weighted_mixer import mixer_of
 from husky_pu.companion.bridge import Limits
 from husky_pu.companion.client import ClientConfig
 from husky_pu.mavlink.frames import read_key
@@ -29,7 +29,7 @@ _DIALOGUE = {
 """Parameters that are attributes of `ClientConfig`: what they are, and their range."""
 
 
-def declare_config(node: Node, lockstep: bool) -> ClientConfig:
+def declare_config(node: Node, robot: Robot, lockstep: bool) -> ClientConfig:
     """Declare what is wanted of the connection; return it.
 
     Raises:
@@ -38,11 +38,12 @@ def declare_config(node: Node, lockstep: bool) -> ClientConfig:
     """
     what = "file with the key in 64 hexadecimal digits; none: no signing"
     key_file = declare(node, "signing_key", "", what)
-    defaults = ClientConfig()
+    fans = len(robot.rotor_names)
+    defaults = ClientConfig(fans)
     given = {
         name: declare(node, name, getattr(defaults, name), *row) for name, row in _DIALOGUE.items()
     }
-    return ClientConfig(lockstep=lockstep, signing_key=_load_key(key_file), **given)
+    return ClientConfig(fans, lockstep=lockstep, signing_key=_load_key(key_file), **given)
 
 
 def declare_limits(node: Node, robot: Robot) -> Limits:

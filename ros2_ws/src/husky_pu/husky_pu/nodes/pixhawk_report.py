@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from husky_pu.autopilot.fan_watch import name_lost
@@ -15,11 +15,12 @@ from husky_runtime.nodes import diagnostics
 
 
 class PixhawkReport:
-    """Makes reports of a `connection`; rates and damage are since the report before."""
+    """Makes reports of a `connection` and `fans`; rates and damage are since the report before."""
 
-    def __init__(self, connection: str):
-        """Begin to count."""
+    def __init__(self, connection: str, fans: Sequence[str]):
+        """Begin to count; `fans` are their names."""
         self.connection = connection
+        self.fans = fans
         self._reported = (time.monotonic(), Counter[str](), 0, 0)
         self._projected = 0
 
@@ -52,7 +53,7 @@ class PixhawkReport:
             "refused_commands": setpoints.refused,
             "refusal": setpoints.refusal,
             "projected_commands": setpoints.projected,
-            "fans_lost": name_lost(telemetry.report.fan_ok),
+            "fans_lost": name_lost(self.fans, telemetry.report.fan_ok),
             "current": "327.67 A or more" if battery.saturated else f"{battery.current:.1f} A",
             "connections": client.connections,
             "losses": client.losses,
@@ -77,7 +78,8 @@ class PixhawkReport:
             setpoints.projected - last_projected,
             damage - last_damage,
         )
-        return *_judge(link, client, setpoints, since), values
+        lost = str(values["fans_lost"])
+        return *_judge(link, client, setpoints, since, lost), values
 
 
 class _Since(NamedTuple):
@@ -89,9 +91,13 @@ class _Since(NamedTuple):
 
 
 def _judge(
-    link: CompanionLink, client: MavlinkClient, setpoints: ThrustSetpoints, since: _Since
+    link: CompanionLink,
+    client: MavlinkClient,
+    setpoints: ThrustSetpoints,
+    since: _Since,
+    lost: str,
 ) -> tuple[bytes, str]:
-    """Return level and message: the worst there is to say."""
+    """Return level and message: the worst there is to say; `lost` are fans by name."""
     error, warn = diagnostics.ERROR, diagnostics.WARN
     report, refused = client.telemetry.report, client.reader.counters.refused
     if link.state != "connected":
@@ -107,8 +113,8 @@ def _judge(
         return warn, "the autopilot signs and we have no key: it is deaf"
     if since.refused > 0:
         return warn, f"thrust commands refused: {setpoints.refusal}"
-    if not all(report.fan_ok):
-        return error, f"fan lost: {name_lost(report.fan_ok)}"
+    if lost:
+        return error, f"fan lost: {lost}"
     if since.projected > 0:
         return warn, f"left out: {setpoints.projection}"
     if since.damaged > 0:

@@ -23,9 +23,11 @@ class ThrustMarkers:
         """Make the markers of the bridge's node."""
         if robot.legs_carry_propellers:
             # Each in its own frame, which the leg moves, z along the thrust.
-            frames, places = [f"{leg}_propeller" for leg in robot.legs], np.zeros((4, 3))
+            frames = [f"{leg}_propeller" for leg in robot.legs]
+            places = np.zeros((len(frames), 3))
         else:
-            frames, places = [graph.FRAME_BASE] * 4, robot.fan_position
+            places = robot.fan_position
+            frames = [graph.FRAME_BASE] * len(places)
         self._places = [tuple(map(float, place)) for place in places]
         markers = [
             make_marker(Marker.ARROW, frame, "fan_thrust", fan, BLUE, 2)

@@ -62,7 +62,7 @@ class Numbers:
     unknown: bool = False
 
 
-_LEGS, _JOINTS = 4, 12
+_JOINTS = 12
 _UNKNOWN = Numbers(unknown=True)
 _POINT = Numbers(1e6)
 
@@ -98,7 +98,7 @@ RULES: Mapping[str, Mapping[str, Numbers]] = {
     },
     "husky_msgs/PropulsionState": {
         "collective_desired": _UNKNOWN,
-        "fan_speed": Numbers(1e5, count=_LEGS, unknown=True),  # rad/s
+        "fan_speed": Numbers(1e5, unknown=True),  # rad/s
         "thrust_limit": _UNKNOWN,
         "voltage": _UNKNOWN,
         "current": _UNKNOWN,

@@ -21,6 +21,7 @@ def declare(
     *,
     read_only: bool = True,
     allowed: tuple[str, ...] = (),
+    constraints: str = "",
 ) -> Any:
     """Declare a parameter and return its value.
 
@@ -33,14 +34,16 @@ def declare(
         upper: greatest allowed number; needed together with `lower`.
         read_only: False for one that may change while the node runs.
         allowed: the words that a string parameter may be, empty for any.
+        constraints: the same in words, where the caller looks at the value.
 
     Raises:
         InvalidParameterValueException: value outside the range, raised by rclpy with the range.
         ValueError: a word that is not allowed.
     """
-    descriptor = ParameterDescriptor(description=description, read_only=read_only)
-    if allowed:
-        descriptor.additional_constraints = f"one of {', '.join(allowed)}"
+    constraints = f"one of {', '.join(allowed)}" if allowed else constraints
+    descriptor = ParameterDescriptor(
+        description=description, read_only=read_only, additional_constraints=constraints
+    )
     if lower is not None and upper is not None:
         if isinstance(default, int) and not isinstance(default, bool):
             descriptor.integer_range = [
@@ -56,18 +59,29 @@ def declare(
     return value
 
 
-def declare_robot(node: Node, **changes: float | str) -> Robot:
+def declare_robot(node: Node, actuation: str = "", **changes: float | str) -> Robot:
     """Declare which robot it is, the parameter `robot`; return its numbers.
 
     Args:
         node: the node that gets the parameter.
+        actuation: the only kind that the node can deal with, "" for any.
         changes: what this robot has otherwise than its file says, for `load_robot`.
 
     Raises:
-        ValueError: no such robot, or it has not what is changed.
+        ValueError: no such robot, or of another kind, or it has not what is changed.
     """
-    name = declare(node, "robot", ROBOTS[0], "which robot it is", allowed=ROBOTS)
-    return load_robot(name, **changes)
+    fitting = [
+        name for name in ROBOTS if not actuation or load_robot(name).actuation == actuation
+    ]
+    allowed = f"{', '.join(fitting)}, or the path of a robot's file"
+    name = declare(node, "robot", fitting[0], "which robot it is", constraints=allowed)
+    robot = load_robot(name, **changes)
+    if actuation not in ("", robot.actuation):
+        raise ValueError(
+            f"parameter robot is {name!r} with actuation {robot.actuation!r}, it must be one of "
+            f"{allowed}, with {actuation!r}"
+        )
+    return robot
 
 
 def declare_mounting(node: Node) -> dict[str, str]:

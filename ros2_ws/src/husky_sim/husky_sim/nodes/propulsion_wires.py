@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
-import numpy as np
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 
 from husky_msgs.msg import FanCommand, FanState, FlightSensors
 from husky_runtime import graph
 from husky_runtime.nodes import qos, stamps
+from husky_runtime.nodes.message_guard import Refused
 from husky_runtime.nodes.presence import make_peer
 from husky_sim.devices.t265.device import T265Device
 from husky_sim.nodes.answered_wire import AnsweredWire
@@ -20,7 +21,7 @@ from husky_sim.world import World
 _PULSE_TIMEOUT_NS = 20_000_000
 """Realtime: a pulse train that is not renewed for so long has ended [ns]."""
 FAN_SUFFIX = "_fan"
-"""Fault targets are `<leg>_fan`."""
+"""Fault targets are `<fan>_fan`, by the names of `robot.rotor_names`."""
 
 
 class PropulsionWires(AnsweredWire):
@@ -48,8 +49,10 @@ class PropulsionWires(AnsweredWire):
         self._fans, self._advance = world.fans, advance
         self._command_ns = -1
         self._sensors, self._state = FlightSensors(), FanState()
+        self._fan_targets = [name + FAN_SUFFIX for name in world.robot.rotor_names]
         self._telemetry = bool(world.robot.esc.telemetry)
-        self._sensors.fan_speed = self._sensors.fan_current = np.full(4, np.nan)
+        unknown = [math.nan] * len(world.robot.rotor_names)
+        self._sensors.fan_speed = self._sensors.fan_current = unknown
         self._sensors_publisher = node.create_publisher(
             FlightSensors, graph.FLIGHT_SENSORS, qos.CONTROL_OFFERED
         )
@@ -67,6 +70,9 @@ class PropulsionWires(AnsweredWire):
 
     # The tick -------------------------------------------------------------------------------
     def _on_command(self, command: FanCommand) -> None:
+        count = len(self._fan_targets)
+        if len(command.pwm) != count:
+            raise Refused(f"pwm holds {len(command.pwm)} values, it must be {count}")
         stamp = stamps.to_ns(command.stamp)
         if stamp > self._world.time_ns:
             return  # of a time before a reset
@@ -107,7 +113,7 @@ class PropulsionWires(AnsweredWire):
         sensors.battery_voltage = unit.battery_voltage
         sensors.battery_current = unit.battery_current
         if self._telemetry:
-            sensors.fan_speed, sensors.fan_current = unit.speed, unit.current
+            sensors.fan_speed, sensors.fan_current = unit.speed.tolist(), unit.current.tolist()
         self._send()
 
     def _say(self) -> None:
@@ -124,7 +130,8 @@ class PropulsionWires(AnsweredWire):
         """Tell the truth about the fans."""
         state, unit = self._state, self._fans.unit
         stamps.fill(state.stamp, self._world.time_ns)
-        state.speed, state.thrust, state.current = unit.speed, unit.thrust, unit.current
+        state.speed, state.thrust = unit.speed.tolist(), unit.thrust.tolist()
+        state.current = unit.current.tolist()
         state.battery_voltage = unit.battery_voltage
         state.battery_current = unit.battery_current
         state.battery_charge = unit.battery_charge
@@ -149,7 +156,7 @@ class PropulsionWires(AnsweredWire):
             ValueError: no such fault.
         """
         unit = self._fans.unit
-        fans = [leg + FAN_SUFFIX for leg in self._world.robot.legs]
+        fans = self._fan_targets
         if target in fans:
             if fault not in ("", "fail"):
                 raise ValueError(f"fault of a fan is {fault!r}, it must be fail or empty")
@@ -164,7 +171,7 @@ class PropulsionWires(AnsweredWire):
 
     def targets(self) -> list[str]:
         """Return the names that `inject` knows."""
-        return [*(leg + FAN_SUFFIX for leg in self._world.robot.legs), "battery", "t265"]
+        return [*self._fan_targets, "battery", "t265"]
 
     def close(self) -> None:
         """Give the wire back."""

@@ -70,7 +70,7 @@ class FansInWorld:
 
     Attributes:
         unit: fans, speed controllers, battery.
-        pwm: pulses in force [us] (4,).
+        pwm: pulses in force [us] (n,).
         tilt_pwm: pulses of the axis's servos in force [us] (2,).
         tilt: pitch and roll of the axis [rad].
         wind: velocity of the air in world [m/s] (3,), None where it is left out; fans in ducts take
@@ -83,7 +83,7 @@ class FansInWorld:
         self.wind: Array | None = None
         self.tilt: Angles = NEUTRAL
         self._told: Angles = NEUTRAL
-        self.pwm, self.tilt_pwm = np.zeros(4), np.zeros(2)
+        self.pwm, self.tilt_pwm = np.zeros(len(robot.rotor_names)), np.zeros(2)
         self._gimbal = Gimbal.of(robot)
         self._wrench = np.zeros(6)
         self._step = model.opt.timestep

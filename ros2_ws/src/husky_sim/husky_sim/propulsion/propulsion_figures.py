@@ -27,16 +27,16 @@ def armed_unit(robot: Robot, charge: float = 1.0) -> PropulsionUnit:
     """A unit at rest with a charge (0 to 1), its speed controllers armed by low pulses."""
     unit = PropulsionUnit(robot)
     for _ in range(math.ceil(robot.esc.arming_time / STEP) + 1):
-        unit.step(np.full(4, robot.esc.pulse_low), STEP)
+        unit.step(np.full(len(unit.speed), robot.esc.pulse_low), STEP)
     unit.set_charge(charge)
     return unit
 
 
 def full_throttle(robot: Robot, charge: float) -> PropulsionUnit:
-    """A unit 0.6 s after all four pulses went to their high end, rotors settled."""
+    """A unit 0.6 s after all pulses went to their high end, rotors settled."""
     unit = armed_unit(robot, charge)
     for _ in range(1200):
-        unit.step(np.full(4, robot.esc.pulse_high), STEP)
+        unit.step(np.full(len(unit.speed), robot.esc.pulse_high), STEP)
     return unit
 
 
@@ -47,7 +47,7 @@ def rise_time(robot: Robot, start: float, end: float) -> float:
     for pulse in (start, end):
         speeds = []
         for _ in range(2000):
-            unit.step(np.full(4, pulse), STEP)
+            unit.step(np.full(len(unit.speed), pulse), STEP)
             speeds.append(unit.speed[0])
         if pulse == start:
             first = speeds[-1]
@@ -70,8 +70,9 @@ def least_charge_to_hover(robot: Robot) -> float:
 
 def hover_time(robot: Robot) -> float:
     """How long a full pack hovers the robot at constant weight, all fans alike [s]."""
-    unit, fan, share = PropulsionUnit(robot), FanModel.from_section(robot.fans), robot.mass / 4.0
-    power = 4.0 * fan.electrical_power(share * GRAVITY) + robot.battery.idle_power
+    unit, fan = PropulsionUnit(robot), FanModel.from_section(robot.fans)
+    share = robot.mass / len(unit.speed)
+    power = len(unit.speed) * fan.electrical_power(share * GRAVITY) + robot.battery.idle_power
     motor_voltage = fan.steady_voltage(share * GRAVITY)
     charge, time, dt = 1.0, 0.0, 0.05
     r = unit.battery.resistance

@@ -7,8 +7,9 @@ Fan i stands at `robot.fan_position[i]` and pushes along base z:
     force = (0, 0, T_i), moment = r_i x force + (0, 0, -spin_i (share c w_i^2 + J w_i')),
 
 the last term being what the motor's torque leaves on the body: drag and spin-up, friction in the
-bearings stays inside. Fans are ordered as the legs. No noise: same pulses, same wrench. Propellers
-that the legs carry have no fixed place: of them thrust and torque count (`PropellersInWorld`).
+bearings stays inside. Fans are ordered as `robot.rotor_names`. No noise: same pulses, same wrench.
+Propellers that the legs carry have no fixed place: of them thrust and torque count
+(`PropellersInWorld`).
 Gyroscopic moments of the rotors are left out: in pairs they cancel at equal speed.
 """
 
@@ -33,7 +34,6 @@ from husky_sim.propulsion.battery import (
 from husky_sim.propulsion.esc import ESC, esc_constants, step_esc
 from husky_sim.propulsion.fan import next_speed
 
-FAN_COUNT = 4
 MAX_STEP = 0.002
 """Longest step [s]; a quarter of the rotors' own time constant."""
 
@@ -123,8 +123,8 @@ def step_unit(
 
     Args:
         unit: (1,) record of `UNIT`.
-        fans: (4,) records of `FAN`.
-        escs: (4,) records of `esc.ESC`.
+        fans: (n,) records of `FAN`.
+        escs: (n,) records of `esc.ESC`.
         esc_shared: (1,) record of `esc.ESC_CONSTANTS`.
         curve: open-circuit voltage [V] over charge.
         dt: [s].
@@ -163,13 +163,13 @@ def step_unit(
 
 
 class PropulsionUnit:
-    """Four fans, their speed controllers and the pack.
+    """The fans, their speed controllers and the pack.
 
     Attributes:
-        speed: (4,) of the rotors [rad/s]; all arrays are overwritten by `step`.
-        thrust: (4,) [N].
-        torque: (4,) of fan and rotor on what carries them, against the spin [N m].
-        current: (4,) that each speed controller takes from the bus [A], negative while it brakes.
+        speed: (n,) of the rotors [rad/s]; all arrays are overwritten by `step`.
+        thrust: (n,) [N].
+        torque: (n,) of fan and rotor on what carries them, against the spin [N m].
+        current: (n,) that each speed controller takes from the bus [A], negative while it brakes.
         wrench_in_base: (6,) force [N] and moment about base's origin [N m], in base.
         battery: the pack's curve and resistance.
         fan: the fans' coefficients.
@@ -192,9 +192,10 @@ class PropulsionUnit:
         u["pack_resistance"] = self.battery.resistance
         u["capacity"] = self.battery.capacity
         u["idle_power"] = robot.battery.idle_power
-        self._escs = np.zeros(FAN_COUNT, ESC)
+        self._count = len(robot.rotor_names)
+        self._escs = np.zeros(self._count, ESC)
         self._esc_shared = esc_constants(robot)
-        self._fans = np.zeros(FAN_COUNT, FAN)
+        self._fans = np.zeros(self._count, FAN)
         if robot.legs_carry_propellers:
             self._fans["spin"] = robot.propellers.spin
         else:
@@ -206,12 +207,12 @@ class PropulsionUnit:
         self.current: Array = self._fans["current"]
         self.wrench_in_base = np.zeros(6)
         self.reset()
-        self.step(np.zeros(FAN_COUNT), 0.0005)
+        self.step(np.zeros(self._count), 0.0005)
         self.reset()
 
     @property
     def fans(self) -> NDArray[np.void]:
-        """(4,) records `FAN`, to look at."""
+        """(n,) records `FAN`, to look at."""
         return self._fans
 
     @property
@@ -231,14 +232,14 @@ class PropulsionUnit:
 
     @property
     def escs(self) -> NDArray[np.void]:
-        """(4,) records `esc.ESC`, to look at."""
+        """(n,) records `esc.ESC`, to look at."""
         return self._escs
 
     def step(self, pwm: Sequence[float] | NDArray[Any], dt: float, load: float = 0.0) -> Array:
         """Advance by one physics step.
 
         Args:
-            pwm: (4,) pulse widths [us]; 0, or what is no pulse, for none.
+            pwm: (n,) pulse widths [us]; 0, or what is no pulse, for none.
             dt: [s], at most `MAX_STEP`.
             load: power the bus gives beside fans and `battery.idle_power` [W] >= 0.
 
@@ -248,7 +249,7 @@ class PropulsionUnit:
         Raises:
             ValueError: a number is not finite, not allowed or missing; nothing has moved.
         """
-        if np.shape(pwm) == (FAN_COUNT,):
+        if np.shape(pwm) == (self._count,):
             self._fans["pulse"] = pwm
             moved = step_unit(
                 self._unit,
@@ -263,8 +264,8 @@ class PropulsionUnit:
             if moved:
                 return self.wrench_in_base
         raise ValueError(
-            f"pwm {pwm!r} is not four finite numbers, or dt {dt!r} not within (0, {MAX_STEP}] s, "
-            f"or load {load!r} not finite or negative"
+            f"pwm {pwm!r} is not {self._count} finite numbers, or dt {dt!r} not within "
+            f"(0, {MAX_STEP}] s, or load {load!r} not finite or negative"
         )
 
     def reset(self) -> None:
@@ -277,11 +278,11 @@ class PropulsionUnit:
 
     def fail_fan(self, index: int) -> None:
         """Lose a fan: its bridge stays open and the rotor coasts down, until `heal` or `reset`."""
-        self._escs[_fan(index)]["failed"] = 1
+        self._escs[self._fan(index)]["failed"] = 1
 
     def heal(self, index: int | None = None) -> None:
         """Give a fan back, or all; its throttle comes up through the lag."""
-        chosen = slice(None) if index is None else _fan(index)
+        chosen = slice(None) if index is None else self._fan(index)
         self._escs["failed"][chosen] = 0
 
     def set_charge(self, share: float) -> None:
@@ -292,8 +293,7 @@ class PropulsionUnit:
         self._unit[0]["voltage"] = self.battery.open_circuit_voltage(share)
         self._unit[0]["current"] = 0.0
 
-
-def _fan(index: int) -> int:
-    if not 0 <= index < FAN_COUNT:
-        raise ValueError(f"fan: {index!r} is outside the allowed range [0, {FAN_COUNT - 1}]")
-    return index
+    def _fan(self, index: int) -> int:
+        if not 0 <= index < self._count:
+            raise ValueError(f"fan: {index!r} is outside the allowed range [0, {self._count - 1}]")
+        return index

@@ -1,4 +1,4 @@
-"""Mixer of rotors that the legs hold: against least squares in random postures."""
+"""Mixer of rotors that stand anywhere: against least squares and linear programmes."""
 
 import math
 
@@ -10,17 +10,18 @@ from scipy.optimize import linprog
 
 from husky_description.robot import load_robot
 from husky_description.rotor_geometry import flight_posture, rotor_geometry
-from husky_pu.autopilot.posture_mixer import PostureMixer
+from husky_pu.autopilot.weighted_mixer import WeightedMixer
+from husky_pu.autopilot.weighted_mixer import mixer_of as any_mixer_of
 
 ROBOT = load_robot("beta")
 FLIGHT = flight_posture(ROBOT)
-MIXER = PostureMixer(ROBOT, rotor_geometry(ROBOT, FLIGHT))
+MIXER = WeightedMixer(ROBOT, rotor_geometry(ROBOT, FLIGHT))
 WEIGHT = ROBOT.mass * 9.80665
 POSTURES = st.lists(st.floats(-0.25, 0.25), min_size=12, max_size=12)
 
 
 def mixer_of(offsets):
-    return PostureMixer(ROBOT, rotor_geometry(ROBOT, FLIGHT + np.array(offsets)))
+    return WeightedMixer(ROBOT, rotor_geometry(ROBOT, FLIGHT + np.array(offsets)))
 
 
 @settings(max_examples=60, deadline=None)
@@ -98,7 +99,66 @@ def test_hover_is_half_of_full_thrust():
 def test_rotors_that_stand_on_a_line_are_refused():
     standing = rotor_geometry(ROBOT, ROBOT.stand_joint_position)  # they push sideways
     with pytest.raises(ValueError, match=r"do not come apart|no lever"):
-        PostureMixer(ROBOT, standing)
+        WeightedMixer(ROBOT, standing)
+
+
+class SixFans:
+    """The mixer of a made-up robot's fans, and what thrusts within the limits can do."""
+
+    def __init__(self):
+        rotors = {
+            "nose": {"x": 0.2, "y": 0.0, "spin": 1.0},
+            "front_left": {"x": 0.1, "y": 0.15, "spin": -1.0},
+            "front_right": {"x": 0.1, "y": -0.15, "spin": 1.0},
+            "hind_left": {"x": -0.12, "y": 0.15, "spin": 1.0},
+            "hind_right": {"x": -0.12, "y": -0.15, "spin": -1.0},
+            "tail": {"x": -0.22, "y": 0.0, "spin": -1.0},
+        }
+        self.mixer = any_mixer_of(load_robot(fans__rotors=rotors))
+        assert self.mixer.names == tuple(rotors)
+
+    def greatest(self, left, rows, demand):
+        """Greatest collective of the fans left with given moments about some axes."""
+        effect = self.mixer.effectiveness
+        full = self.mixer.thrust_limit()
+        bounds = [(0.0, full if there else 0.0) for there in left]
+        found = linprog(-effect[0], A_eq=effect[rows], b_eq=demand, bounds=bounds)
+        return -found.fun if found.status == 0 else None
+
+
+SIX = SixFans()
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.floats(0.0, 20.0), min_size=6, max_size=6))
+def test_what_some_thrusts_of_six_fans_make_is_made(thrust):
+    collective, moment = SIX.mixer.wrench(thrust)
+    found = SIX.mixer.allocate(collective, moment)
+    assert np.all(found >= 0.0) and np.all(found <= SIX.mixer.thrust_limit())
+    again, moment_again = SIX.mixer.wrench(found)
+    assert again == pytest.approx(collective, abs=1e-4)
+    np.testing.assert_allclose(moment_again, moment, atol=1e-5)
+
+
+@pytest.mark.parametrize("lost", [(0,), (1,), (2,), (5,), (0, 5), (1, 4), (0, 3)])
+def test_fans_that_are_left_carry_what_they_can_level_before_they_hold_yaw(lost):
+    left = [fan not in lost for fan in range(6)]
+    most = SIX.greatest(left, [1, 2], [0.0, 0.0])
+    assert most > 30.0
+    assert SIX.mixer.greatest_collective(available=left) == pytest.approx(most, rel=1e-4)
+    found = SIX.mixer.allocate(0.9 * most, (0.0, 0.0, 0.0), available=left)
+    collective, moment = SIX.mixer.wrench(found)
+    assert collective == pytest.approx(0.9 * most, rel=1e-4)
+    np.testing.assert_allclose(moment[:2], 0.0, atol=1e-4)
+    assert not any(found[list(lost)])
+    with_yaw = SIX.greatest(left, [1, 2, 3], [0.0] * 3)
+    if with_yaw is not None and with_yaw > 0.9 * most:
+        assert abs(moment[2]) < 1e-4
+
+
+def test_two_of_six_fans_carry_nothing():
+    left = [True, False, False, False, False, True]
+    assert not SIX.mixer.allocate(30.0, (0.0, 0.0, 0.0), available=left).any()
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf])

@@ -1,9 +1,10 @@
-"""From a collective thrust and a moment to four rotors that stand anywhere: legs are their arms.
+"""From a collective thrust and a moment to rotors that stand anywhere, as on legs that are arms.
 
 The wanted thrusts are the inverse of what the rotors do about the centre of mass. Where one of them
 lies outside 0 .. full throttle, or a rotor is lost, the thrusts are those whose collective and
 moments are nearest to the wanted ones by weighted least squares within these limits. The weights
-make things give way in the order of `mixer`: collective first, then yaw, roll and pitch last.
+make things give way in the order of `mixer`: collective first, then yaw, roll and pitch last; with
+a rotor lost yaw is the first to go.
 """
 
 from __future__ import annotations
@@ -17,24 +18,32 @@ from numpy.typing import NDArray
 from husky_description.arrays import Array
 from husky_description.fan import FanModel
 from husky_description.robot import Robot
-from husky_description.rotor_geometry import RotorGeometry, flight_posture, rotor_geometry
-from husky_pu.autopilot.mixer import Mixer
+from husky_description.rotor_geometry import (
+    RotorGeometry,
+    fan_geometry,
+    flight_posture,
+    rotor_geometry,
+)
+from husky_pu.autopilot.mixer import Mixer, stands_in_rectangle
 from husky_pu.autopilot.rotor_thrust import RotorThrust
 
 _WEIGHTS = (1e-3, 1.0, 1.0, 0.03)
 """Of collective, roll, pitch and yaw, over their levers."""
+_YAW_OF_THE_REST = 1e-4
+"""Share of yaw's weight that is left with a rotor lost, so that it gives way before the collective;
+of three rotors it is not asked at all."""
 _LEAST_DETERMINANT = 1e-3
-"""Of the rotors' effect over the levers: with less, an axis is as good as lost."""
+"""Of the rotors' mean effect over the levers: with less, an axis is as good as lost."""
 
 
-class PostureMixer(RotorThrust):
-    """Allocation of rotors that the legs hold, ordered as the legs."""
+class WeightedMixer(RotorThrust):
+    """Allocation of three rotors or more, wherever they stand."""
 
     def __init__(self, robot: Robot, geometry: RotorGeometry):
-        """Take the places and axes of the robot's propellers.
+        """Take the places and axes of the robot's rotors.
 
         Raises:
-            ValueError: in this posture they cannot make all of collective, roll, pitch and yaw.
+            ValueError: as they stand they cannot make all of collective, roll, pitch and yaw.
         """
         # Here, for it takes a third of a second of each node that has another mixer.
         from scipy.optimize import lsq_linear
@@ -52,12 +61,14 @@ class PostureMixer(RotorThrust):
         super().__init__(robot, fan.max_thrust, voltage, levers, patterns)
         self.effectiveness = np.vstack((up, *turning))
         self._rows = np.vstack((up, patterns))
-        if abs(np.linalg.det(self._rows / 2.0)) < _LEAST_DETERMINANT:
+        volume = np.linalg.det(self._rows @ self._rows.T / len(self.names))
+        if volume < _LEAST_DETERMINANT**2:
             raise ValueError(
                 f"rotors at {geometry.position.tolist()} with axes {geometry.axis.tolist()}: "
                 "collective, roll, pitch and yaw do not come apart"
             )
         self._levers = np.array((1.0, *levers))
+        self._inverse = np.linalg.pinv(self._rows)
 
     def allocate(
         self,
@@ -67,18 +78,19 @@ class PostureMixer(RotorThrust):
         available: Sequence[bool] | NDArray[np.bool_] | None = None,
         rise: float = math.inf,
     ) -> Array:
-        """Return the thrust of each rotor [N] (4,); the module says what gives way.
+        """Return the thrust of each rotor [N] (n,); the module says what gives way.
 
-        With two or more lost nothing is allocated: all zero.
+        With fewer than three left nothing is allocated: all zero.
         """
         demand = np.array(self.checked_demand(collective, moment, rise)) / self._levers
         full = self.thrust_limit(voltage)
-        left = np.ones(4, bool) if available is None else np.asarray(available, bool)
-        thrust = np.zeros(4)
+        count = len(self.names)
+        left = np.ones(count, bool) if available is None else np.asarray(available, bool)
+        thrust: Array = np.zeros(count)
         if left.sum() < 3:
             return thrust
         if left.all():
-            thrust = np.linalg.solve(self._rows, demand)
+            thrust = self._inverse @ demand
             if thrust.min() >= 0.0 and thrust.max() <= full:
                 return thrust
         thrust = self._nearest(demand, _WEIGHTS, full, left)
@@ -94,10 +106,10 @@ class PostureMixer(RotorThrust):
     ) -> Array:
         weight = np.array(weights)
         if not left.all():
-            weight[3] = 0.0  # three rotors carry collective, roll and pitch
+            weight[3] *= _YAW_OF_THE_REST if left.sum() > 3 else 0.0
         matrix = weight[:, None] * self._rows[:, left]
         result = self._least_squares(matrix, weight * demand, (0.0, full), method="bvls")
-        thrust = np.zeros(4)
+        thrust = np.zeros(len(self.names))
         thrust[left] = np.clip(result.x, 0.0, full)
         return thrust
 
@@ -105,5 +117,7 @@ class PostureMixer(RotorThrust):
 def mixer_of(robot: Robot) -> RotorThrust:
     """Return the mixer of a robot's rotors: fans that stand, or propellers in flight's posture."""
     if robot.legs_carry_propellers:
-        return PostureMixer(robot, rotor_geometry(robot, flight_posture(robot)))
-    return Mixer(robot)
+        return WeightedMixer(robot, rotor_geometry(robot, flight_posture(robot)))
+    if stands_in_rectangle(robot.fans):
+        return Mixer(robot)
+    return WeightedMixer(robot, fan_geometry(robot))
