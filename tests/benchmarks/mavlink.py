@@ -106,6 +106,7 @@ class _World:
         sensors.magnetic_field = [0.195, 0.0, 0.48]
         sensors.pressure = 101325.0
         sensors.battery_voltage, sensors.battery_current = 24.5, 2.0
+        sensors.fan_speed = sensors.fan_current = [0.0] * 4
         tick, start = 0, time.perf_counter()
         while self._running:
             tick += 1

@@ -12,6 +12,7 @@ from husky_control.nodes.fans_link import FansLink
 from husky_control.tick_data import Measurements
 from husky_msgs.msg import PropulsionState
 from husky_runtime.nodes import stamps
+from husky_runtime.nodes.message_guard import Refused
 
 MS = 1_000_000
 
@@ -29,7 +30,7 @@ def state(milliseconds, **fields):
 def known(milliseconds, *states, lockstep=True):
     """What a tick of this time knows when these states have come."""
     node, measurements = FakeNode(), Measurements()
-    link = FansLink(node, 1.0, lockstep=lockstep)
+    link = FansLink(node, 4, 1.0, lockstep=lockstep)
     for each in states:
         node.say(each)
     link.await_tick(milliseconds * MS)
@@ -64,6 +65,12 @@ def test_a_lost_fan_limits_the_thrust():
     m = known(100, state(0, fan_ok=[True, False, True, True]))
     assert (m.fans_limit, m.fans_lost) == (50.0, 1)
     assert known(100, state(0)).fans_lost == -1
+
+
+@pytest.mark.parametrize("fan_ok", [[], [True] * 3, [True] * 7 + [False]])
+def test_a_unit_with_another_number_of_fans_is_refused(fan_ok):
+    with pytest.raises(Refused, match=f"fan_ok holds {len(fan_ok)} values, it must be 4"):
+        known(100, state(0, fan_ok=fan_ok))
 
 
 def test_a_state_is_known_after_a_fixed_time_in_lockstep_and_too_old_after_another():

@@ -231,7 +231,7 @@ class FansSection:
     share of the drag torque left on the body [-].
     """
 
-    rotors: Annotated[Mapping[str, RotorSection], named(RotorSection, 3, MOST_FANS)]
+    rotors: Annotated[Mapping[str, RotorSection], named(RotorSection, 4, MOST_FANS)]
     mounting: Annotated[str, choice(*MOUNTINGS)]
     z: Annotated[float, number(-0.5, 0.5)]
     inner_radius: Annotated[float, number(0.005, 0.3)]

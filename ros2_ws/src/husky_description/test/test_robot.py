@@ -255,7 +255,11 @@ def test_fans_are_those_of_the_file_in_its_order():
             | {"front_left": (0.12, 0.135, 1.0), "hind_right": (-0.12, -0.135, -1.0)},
             "cannot make roll, pitch and yaw apart",
         ),
-        ({"hind_left": None, "hind_right": None}, "not a mapping of 3 to 8 sections by name"),
+        ({"hind_left": None, "hind_right": None}, "not a mapping of 4 to 8 sections by name"),
+        (
+            {"hind_left": None, "hind_right": None} | {"tail": (-0.2, 0.0, 1.0)},
+            "not a mapping of 4 to 8 sections by name",
+        ),
         ({"Nose": (0.3, 0.0, 1.0)}, "'Nose' is not a name of a-z"),
         ({"nose": (1.3, 0.0, 1.0)}, r"\.nose\.x: 1.3 is outside the allowed range"),
         ({"nose": (math.nan, 0.0, 1.0)}, r"\.nose\.x: nan is outside the allowed range"),

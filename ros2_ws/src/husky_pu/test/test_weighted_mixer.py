@@ -10,6 +10,8 @@ from scipy.optimize import linprog
 
 from husky_description.robot import load_robot
 from husky_description.rotor_geometry import flight_posture, rotor_geometry
+from husky_pu.autopilot.airframe import airframe_parameters
+from husky_pu.autopilot.flight_parameters import FlightParameters
 from husky_pu.autopilot.weighted_mixer import WeightedMixer
 from husky_pu.autopilot.weighted_mixer import mixer_of as any_mixer_of
 
@@ -165,3 +167,12 @@ def test_two_of_six_fans_carry_nothing():
 def test_what_is_not_finite_is_refused(bad):
     with pytest.raises(ValueError, match="not finite"):
         MIXER.allocate(bad, (0.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize(("fans", "kind"), [(4, 2), (5, 2), (6, 13), (8, 14)])
+def test_the_heartbeat_says_what_kind_of_craft_it_is(fans, kind):
+    more = [("nose", 0.2, 1.0), ("tail", -0.2, -1.0), ("beak", 0.35, -1.0), ("sting", -0.35, 1.0)]
+    rotors = {name: dict(vars(rotor)) for name, rotor in load_robot().fans.rotors.items()}
+    rotors |= {name: {"x": x, "y": 0.0, "spin": spin} for name, x, spin in more[: fans - 4]}
+    parameters = FlightParameters(airframe_parameters(load_robot(fans__rotors=rotors)))
+    assert parameters["MAV_TYPE"] == kind

@@ -14,6 +14,7 @@ from husky_description.rotation import to_roll_pitch_yaw
 from husky_msgs.msg import PropulsionCommand, PropulsionState
 from husky_runtime import graph
 from husky_runtime.nodes import qos, stamps
+from husky_runtime.nodes.message_guard import Refused
 from husky_runtime.nodes.presence import make_peer
 
 COMMAND_PERIOD_NS = 10_000_000
@@ -32,11 +33,12 @@ class FansLink(TickInput[PropulsionState]):
         hot: subscription to the unit's state.
     """
 
-    def __init__(self, node: Node, grace: float, *, lockstep: bool):
+    def __init__(self, node: Node, fans: int, grace: float, *, lockstep: bool):
         """Open publisher and subscription.
 
         Args:
             node: the controller's.
+            fans: how many the robot has.
             lockstep: a tick takes the state of a fixed time before it; otherwise the newest.
             grace: wall time a silent bridge is waited for in lockstep, once heard [s].
         """
@@ -44,6 +46,7 @@ class FansLink(TickInput[PropulsionState]):
         super().__init__(
             node, graph.PROPULSION_STATE, peer, _STATE_DELAY_NS, 32, "the fans are not used"
         )
+        self._fans = fans
         self._known_after_ns = _STATE_DELAY_NS if lockstep else 0
         self._command = PropulsionCommand()
         self._publisher = node.create_publisher(
@@ -54,6 +57,8 @@ class FansLink(TickInput[PropulsionState]):
         )
 
     def _on_state(self, state: PropulsionState) -> None:
+        if len(state.fan_ok) != self._fans:
+            raise Refused(f"fan_ok holds {len(state.fan_ok)} values, it must be {self._fans}")
         self._keep(stamps.to_ns(state.stamp), state)
 
     def fill(self, time_ns: int, measurements: Measurements) -> None:

@@ -94,7 +94,8 @@ class LowLevelController(OneClock, Node):
         grace, lockstep = options.grace, options.lockstep
         self._stamped = StampedTwist(self, self._on_cmd_vel)
         self._imu = ImuLink(self, grace, ImuMount(self._robot), self._on_sample, lockstep=lockstep)
-        self._fans = FansLink(self, grace, lockstep=lockstep) if options.fans else None
+        fans = len(self._robot.rotor_names)
+        self._fans = FansLink(self, fans, grace, lockstep=lockstep) if options.fans else None
         poses = PoseLink(self, grace, lockstep=lockstep) if options.fans else None
         self._plans = PlanLink(self, grace, lockstep=lockstep) if options.planner else None
         self._inputs = [each for each in (poses, self._fans, self._imu) if each is not None]

@@ -6,7 +6,7 @@ from husky_description.fan import FanModel
 from husky_description.gravity import GRAVITY
 from husky_description.robot import Robot
 
-_KINDS = {3: 15.0, 6: 13.0, 8: 14.0}
+_KINDS = {6: 13.0, 8: 14.0}
 """MAV_TYPE by the number of rotors, where that is another than the quadrotor."""
 _LAND_SPEED = 0.5
 """Of a robot on its perch, which stands a fall from 0.013 m [m/s]."""

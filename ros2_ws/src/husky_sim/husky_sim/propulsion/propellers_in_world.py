@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from husky_description.arrays import Array
 from husky_description.plain_mujoco import mujoco
@@ -13,46 +14,48 @@ from husky_description.robot import Robot
 from husky_sim.propulsion.fans_in_world import FansInWorld
 
 
+class Propellers(NamedTuple):
+    """The propellers, and what carries them."""
+
+    carrier: NDArray[np.intp]  # (4, 2) site and body of each
+    spin: Array  # (4,) sense of each about its thrust
+    inertia: float  # of a rotor [kg m^2]
+    fans: Any  # (4,) thrust [N], torque [N m] and speed [rad/s] of each
+
+
+class Carriers(NamedTuple):
+    """Sites and bodies of the world, all in world axes; views of MuJoCo's own arrays."""
+
+    place: Array  # of sites [m] (n, 3)
+    frame: Array  # of sites, row by row (n, 9); the thrust is along z
+    center: Array  # of bodies' masses [m] (m, 3)
+    turning: Array  # bodies' angular velocities, then others [rad/s] (m, 6)
+    applied: Array  # force and moment on bodies [N, N m] (m, 6)
+
+
 @njit(cache=True)
-def _push(
-    carriers: Any,
-    spin: Array,
-    inertia: float,
-    fans: Any,
-    places: Array,
-    frames: Array,
-    centers: Array,
-    turning: Array,
-    applied: Array,
-    base: Array,
-    sum_: Array,
-) -> None:
+def _push(propellers: Propellers, carriers: Carriers, base: Array, sum_: Array) -> None:
     """Put the propellers' forces on what carries them.
 
     Args:
-        carriers: (4, 2) site and body of each.
-        spin: (4,) sense of each about its thrust.
-        inertia: of a rotor [kg m^2].
-        fans: (4,) thrust [N], torque [N m] and speed [rad/s] of each.
-        places: of sites in world [m] (n, 3).
-        frames: of sites, row by row (n, 9); the thrust is along z.
-        centers: of bodies' masses in world [m] (m, 3).
-        turning: bodies' angular velocities in world [rad/s] (m, 3 of 6).
-        applied: force and moment on bodies, in world (m, 6), of the carriers written.
+        propellers: as they turn now.
+        carriers: of whose bodies what is applied is written.
         base: base's origin in world [m] (3,).
         sum_: all forces and their moment about that origin, in world (6,), written.
     """
     sum_[:] = 0.0
-    for i in range(4):
-        site, body = carriers[i]
-        axis = frames[site].reshape(3, 3)[:, 2]
-        force = fans[i].thrust * axis
-        momentum = inertia * spin[i] * fans[i].speed * axis
-        moment = -spin[i] * fans[i].torque * axis - np.cross(turning[body, :3], momentum)
-        applied[body, :3] = force
-        applied[body, 3:] = moment + np.cross(places[site] - centers[body], force)
+    for i in range(len(propellers.fans)):
+        fan, spin = propellers.fans[i], propellers.spin[i]
+        site, body = propellers.carrier[i]
+        axis = carriers.frame[site].reshape(3, 3)[:, 2]
+        force = fan.thrust * axis
+        momentum = propellers.inertia * spin * fan.speed * axis
+        moment = -spin * fan.torque * axis - np.cross(carriers.turning[body, :3], momentum)
+        place = carriers.place[site]
+        carriers.applied[body, :3] = force
+        carriers.applied[body, 3:] = moment + np.cross(place - carriers.center[body], force)
         sum_[:3] += force
-        sum_[3:] += moment + np.cross(places[site] - base, force)
+        sum_[3:] += moment + np.cross(place - base, force)
 
 
 class PropellersInWorld(FansInWorld):
@@ -66,8 +69,15 @@ class PropellersInWorld(FansInWorld):
         """Find sensors and propellers; they are off."""
         super().__init__(robot, model, data)
         sites = [model.site(f"{leg}_propeller").id for leg in robot.legs]
-        self._carriers = np.array([(site, model.site_bodyid[site]) for site in sites])
-        self._spin = np.array(robot.propellers.spin)
+        self._propellers = Propellers(
+            np.array([(site, model.site_bodyid[site]) for site in sites]),
+            np.array(robot.propellers.spin),
+            self.unit.fan.inertia,
+            self.unit.fans,
+        )
+        self._carriers = Carriers(
+            data.site_xpos, data.site_xmat, data.xipos, data.cvel, data.xfrc_applied
+        )
         self._side_force = robot.propellers.side_force
         self._sum = np.zeros(6)
         self._base = model.body("base").id
@@ -79,28 +89,16 @@ class PropellersInWorld(FansInWorld):
         Args:
             load: power that the joints' servos take from the battery [W].
         """
-        unit, data = self.unit, self._data
-        unit.step(self.pwm, self._step, load)
-        _push(
-            self._carriers,
-            self._spin,
-            unit.fan.inertia,
-            unit.fans,
-            data.site_xpos,
-            data.site_xmat,
-            data.xipos,
-            data.cvel,
-            data.xfrc_applied,
-            data.xpos[self._base],
-            self._sum,
-        )
+        self.unit.step(self.pwm, self._step, load)
+        _push(self._propellers, self._carriers, self._data.xpos[self._base], self._sum)
         if self.wind is not None:
             self._blow(self.wind)
 
     def _blow(self, wind: Array) -> None:
         """Add the force of the air that crosses the propellers' axes."""
         data = self._data
-        for (site, body), thrust in zip(self._carriers, self.unit.thrust.tolist(), strict=True):
+        carriers = self._propellers.carrier
+        for (site, body), thrust in zip(carriers, self.unit.thrust.tolist(), strict=True):
             place, motion = data.site_xpos[site], data.cvel[body]
             axis = data.site_xmat[site].reshape(3, 3)[:, 2]
             velocity = motion[3:] + np.cross(motion[:3], place - self._center_of_all)
