@@ -108,15 +108,11 @@ def simulated_robot(
     """
     settings = settings or {}
     plant = settings.get(graph.PLANT, {})
-    body, robot = str(plant.get("body", "robot")), str(plant.get("robot", ROBOTS[0]))
-    for name, value, allowed in (
-        ("time", time, TIMES),
-        ("body", body, graph.BODIES),
-    ):
+    body, robot = str(plant.get("body", "robot")), _whole(str(plant.get("robot", ROBOTS[0])))
+    for name, value, allowed in (("time", time, TIMES), ("body", body, graph.BODIES)):
         if value not in allowed:
             raise ValueError(f"{name} is {value!r}, it must be one of {', '.join(allowed)}")
-    if robot not in ROBOTS and Path(robot).is_file():  # nodes need not start where we are
-        robot = str(Path(robot).absolute())
+    if "robot" in plant:
         settings = {**settings, graph.PLANT: {**plant, "robot": robot}}
     numbers = load_robot(robot)
     told: dict[str, ParameterValue] = {"robot": robot} if robot != ROBOTS[0] else {}
@@ -144,6 +140,11 @@ def simulated_robot(
         NodeSpec(spec.package, spec.executable, {**spec.parameters, **settings.get(spec.name, {})})
         for spec in specs
     )
+
+
+def _whole(robot: str) -> str:
+    """Return a robot's name, or the whole path of its file: nodes need not start where we are."""
+    return str(Path(robot).absolute()) if robot not in ROBOTS and Path(robot).is_file() else robot
 
 
 @dataclass(frozen=True)

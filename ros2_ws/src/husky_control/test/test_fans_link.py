@@ -19,7 +19,12 @@ MS = 1_000_000
 
 def state(milliseconds, **fields):
     message = PropulsionState(
-        connected=True, armed=True, mode="OFFBOARD", fan_ok=[True] * 4, thrust_limit=50.0
+        connected=True,
+        armed=True,
+        mode="OFFBOARD",
+        fan_speed=[0.0] * 4,
+        fan_ok=[True] * 4,
+        thrust_limit=50.0,
     )
     stamps.fill(message.stamp, milliseconds * MS)
     for name, value in fields.items():
@@ -67,10 +72,11 @@ def test_a_lost_fan_limits_the_thrust():
     assert known(100, state(0)).fans_lost == -1
 
 
-@pytest.mark.parametrize("fan_ok", [[], [True] * 3, [True] * 7 + [False]])
-def test_a_unit_with_another_number_of_fans_is_refused(fan_ok):
-    with pytest.raises(Refused, match=f"fan_ok holds {len(fan_ok)} values, it must be 4"):
-        known(100, state(0, fan_ok=fan_ok))
+@pytest.mark.parametrize(("field", "value"), [("fan_ok", False), ("fan_speed", 0.0)])
+@pytest.mark.parametrize("count", [0, 3, 8])
+def test_a_unit_with_another_number_of_fans_is_refused(field, value, count):
+    with pytest.raises(Refused, match=f"{field} holds {count} values, it must be 4"):
+        known(100, state(0, **{field: [value] * count}))
 
 
 def test_a_state_is_known_after_a_fixed_time_in_lockstep_and_too_old_after_another():

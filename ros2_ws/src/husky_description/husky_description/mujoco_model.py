@@ -91,22 +91,16 @@ def build_unit_spec(robot: Robot) -> mujoco.MjSpec:
     _set_options(spec)
     _add_defaults(spec, robot)
     add_materials(spec)
-    fans, size = robot.fans, robot.payload.size
+    fans = robot.fans
     base = spec.worldbody.add_body(name="base", pos=[0, 0, 0])
     base.childclass = robot.name
     base.add_freejoint(name="floating_base")
     # All of the payload's mass belongs to the unit: half of it in the box, half in the fans.
     half = robot.payload_mass / 2
-    box = (
-        half
-        / 12
-        * np.array(
-            [size[1] ** 2 + size[2] ** 2, size[0] ** 2 + size[2] ** 2, size[0] ** 2 + size[1] ** 2]
-        )
-    )
     middle = float(fans.place[:, 0].mean()) / 2  # of all mass; left and right are alike
     x, y = np.mean((fans.place - (middle, 0.0)) ** 2, axis=0) + (middle**2, 0.0)
-    _set_inertia(base, 2 * half, [middle, 0.0, fans.z], box + half * np.array([y, x, x + y]))
+    inertia = box_inertia(half, robot.payload.size) + half * np.array([y, x, x + y])
+    _set_inertia(base, 2 * half, [middle, 0.0, fans.z], inertia)
     bottom = fans.z - fans.height / 2
     half_sizes = np.append(fans.reach + fans.outer_radius, fans.height / 2)
     _add_collision(

@@ -10,7 +10,6 @@ REP-103.
 from __future__ import annotations
 
 import copy
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -23,9 +22,10 @@ import yaml
 from husky_description import sections
 from husky_description.actuation import OWN_SECTIONS, DriveSections, ServoSections
 from husky_description.arrays import Array
-from husky_description.inertia import box_inertia, cylinder_inertia, tube_inertia
+from husky_description.inertia import box_inertia
 from husky_description.parameters import check_keys, frozen, number, read_section, read_value
 from husky_description.robot_checks import check_together
+from husky_description.robot_numbers import actuators, joint_range, leg_bodies, posture_at
 from husky_description.share import share_path
 
 _DEFAULT = "carbon"
@@ -279,9 +279,9 @@ def make_robot(tree: Mapping[str, Any]) -> Robot:
     sit_height = (
         perch.size[2] / 2 - perch.position[2] + read["posture"].perch_clearance - leg.foot_radius
     )
-    lower, upper = _joint_range(joints)
-    stand = _posture(stand_height, thigh_length, leg.calf_link, "posture.stand_height")
-    sit = _posture(sit_height, thigh_length, leg.calf_link, "perch.position[2]")
+    lower, upper = joint_range(joints, _SIDE)
+    stand = posture_at(stand_height, thigh_length, leg.calf_link, "posture.stand_height")
+    sit = posture_at(sit_height, thigh_length, leg.calf_link, "perch.position[2]")
     for key, posture in (("posture.stand_height", stand), ("perch.position[2]", sit)):
         if np.any(posture < lower) or np.any(posture > upper):
             raise ValueError(f"{key}: its posture {posture[:3]} is outside the joints' range")
@@ -309,13 +309,13 @@ def make_robot(tree: Mapping[str, Any]) -> Robot:
         joint_upper=upper,
         joint_torque_limit=frozen(np.full(12, read["servo"].torque_limit)),
         joint_velocity_limit=frozen(np.full(12, joints.velocity_limit)),
-        **_actuators(own),
+        **actuators(own),
         mass=mass,
         base_mass=read["body"].mass,
         payload_mass=mass - bare_mass,
         base_inertia=read["body"].inertia,
         payload_inertia=box_inertia(mass - bare_mass, read["payload"].size),
-        **_leg_bodies(leg),
+        **leg_bodies(leg),
         stand_joint_position=stand,
         sit_joint_position=sit,
         stand_height=stand_height,
@@ -348,54 +348,3 @@ def _gains(values: Any) -> dict[str, tuple[float, ...]]:
             raise ValueError(f"{key}: {value!r} is neither a number nor [number, lower, upper]")
         gains[str(name)] = gain
     return gains
-
-
-def _actuators(own: Mapping[str, Any]) -> dict[str, Any]:
-    """What the joints' actuators tell of themselves, of either kind."""
-    if "bus_servo" in own:
-        servo = own["bus_servo"]
-        # A servo driven against its voltage at its no-load speed gives twice its stall torque.
-        bound, armature, knee = 2.0 * servo.stall_torque, servo.armature, own["knee_pod"].mass
-    else:
-        bound, armature, knee = own["gear"].ratcheting_torque, own["motor"].armature, 0.0
-    return {
-        "joint_torque_bound": bound,
-        "armature": frozen(np.full(12, armature)),
-        "knee_mass": knee,
-    }
-
-
-def _leg_bodies(leg: sections.LegSection) -> dict[str, Any]:
-    """Masses [kg] and inertias [kg m^2] of a leg's links."""
-    inner, outer = leg.tube_inner_radius, leg.tube_outer_radius
-    thigh_length = leg.thigh_link + leg.ankle_link
-    return {
-        "hip_mass": leg.hip_mass,
-        "thigh_mass": leg.thigh_mass,
-        "shin_mass": leg.shin_mass,
-        "hip_inertia": cylinder_inertia(leg.hip_mass, leg.hip_radius, leg.hip_length, axis=1),
-        "thigh_inertia": tube_inertia(leg.thigh_mass, inner, outer, thigh_length, axis=2),
-        "shin_inertia": tube_inertia(leg.shin_mass, inner, outer, leg.calf_link, axis=2),
-    }
-
-
-def _joint_range(joints: sections.JointsSection) -> tuple[Array, Array]:
-    """Lower and upper joint limits [rad] (12,); outward is positive left, negative right."""
-    lower, upper = [], []
-    for side in _SIDE:
-        frontal = sorted((-side * joints.hip_frontal_inward, side * joints.hip_frontal_outward))
-        lower += [frontal[0], joints.hip_sagittal[0], joints.knee[0]]
-        upper += [frontal[1], joints.hip_sagittal[1], joints.knee[1]]
-    return frozen(lower), frozen(upper)
-
-
-def _posture(height: float, thigh: float, shin: float, key: str) -> Array:
-    """Joint angles [rad] (12,) that put each foot straight under its hip, knee bent backward."""
-    if not abs(thigh - shin) < height < thigh + shin:
-        raise ValueError(
-            f"{key}: leaves {height:g} m from hip to foot, allowed range "
-            f"({abs(thigh - shin):g}, {thigh + shin:g})"
-        )
-    sagittal = math.acos((thigh**2 + height**2 - shin**2) / (2 * thigh * height))
-    knee = -math.acos((height**2 - thigh**2 - shin**2) / (2 * thigh * shin))
-    return frozen(np.tile([0.0, sagittal, knee], 4))

@@ -6,7 +6,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from husky_description.gravity import GRAVITY
-from husky_description.mujoco_model import COLLISION_GROUP, build_spec, build_unit_spec
+from husky_description.inertia import box_inertia
+from husky_description.mujoco_model import (
+    COLLISION_GROUP,
+    build_spec,
+    build_unit_spec,
+    composite_inertia,
+)
 from husky_description.robot import Robot, load_robot
 
 ROBOT = load_robot()
@@ -265,3 +271,21 @@ def test_sites_are_where_the_robot_says():
     for leg, position in zip(ROBOT.legs, ROBOT.fan_position, strict=True):
         np.testing.assert_allclose(data.site(f"{leg}_fan").xpos, position, atol=1e-12)
     assert data.site("perch").xpos[2] == pytest.approx(-0.16)
+
+
+def test_the_unit_with_a_fan_at_its_nose_has_the_inertia_of_its_parts():
+    """Half of the payload is the box, half the fans, as points."""
+    rotors = {name: dict(vars(rotor)) for name, rotor in ROBOT.fans.rotors.items()}
+    rotors |= {"nose": {"x": 0.3, "y": 0.0, "spin": 1.0}}
+    robot = load_robot(fans__rotors=rotors)
+    half, place = robot.payload_mass / 2, robot.fan_position
+    masses = np.array([half, *[half / len(place)] * len(place)])
+    positions = np.vstack(([0.0, 0.0, robot.fans.z], place))
+    center = masses @ positions / masses.sum()
+    arms = positions - center
+    expected = np.diag(box_inertia(half, robot.payload.size))
+    for mass, arm in zip(masses, arms, strict=True):
+        expected += mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    found_center, found = composite_inertia(robot, "unit")
+    np.testing.assert_allclose(found_center, center, atol=1e-9)
+    np.testing.assert_allclose(found, expected, atol=1e-9)

@@ -14,7 +14,7 @@ from husky_description.rotation import to_roll_pitch_yaw
 from husky_msgs.msg import PropulsionCommand, PropulsionState
 from husky_runtime import graph
 from husky_runtime.nodes import qos, stamps
-from husky_runtime.nodes.message_guard import Refused
+from husky_runtime.nodes.message_guard import check_count
 from husky_runtime.nodes.presence import make_peer
 
 COMMAND_PERIOD_NS = 10_000_000
@@ -57,8 +57,8 @@ class FansLink(TickInput[PropulsionState]):
         )
 
     def _on_state(self, state: PropulsionState) -> None:
-        if len(state.fan_ok) != self._fans:
-            raise Refused(f"fan_ok holds {len(state.fan_ok)} values, it must be {self._fans}")
+        check_count("fan_ok", state.fan_ok, self._fans)
+        check_count("fan_speed", state.fan_speed, self._fans)
         self._keep(stamps.to_ns(state.stamp), state)
 
     def fill(self, time_ns: int, measurements: Measurements) -> None:

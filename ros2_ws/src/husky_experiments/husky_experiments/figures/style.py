@@ -157,7 +157,7 @@ def leg_entries(legs: Sequence[str], **look: Any) -> list[tuple[str, dict[str, A
     """Return the legend's entries of the legs, or of fans by their names."""
     return [
         (name.replace("_", " "), {"color": colour, **look})
-        for name, colour in zip(legs, FAN_COLOURS, strict=False)
+        for name, colour in zip(legs, FAN_COLOURS[: len(legs)], strict=True)
     ]
 
 

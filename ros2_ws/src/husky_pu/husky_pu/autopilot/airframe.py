@@ -7,7 +7,7 @@ from husky_description.gravity import GRAVITY
 from husky_description.robot import Robot
 
 _KINDS = {6: 13.0, 8: 14.0}
-"""MAV_TYPE by the number of rotors, where that is another than the quadrotor."""
+"""MAV_TYPE by the number of rotors: HEXAROTOR, OCTOROTOR; of others the table's QUADROTOR stays."""
 _LAND_SPEED = 0.5
 """Of a robot on its perch, which stands a fall from 0.013 m [m/s]."""
 _SILENCE = 0.5
@@ -32,10 +32,11 @@ def airframe_parameters(robot: Robot) -> dict[str, float]:
         "BAT1_CAPACITY": battery.capacity / 3.6,
         "BAT1_R_INTERNAL": battery.cell_resistance + battery.wiring_resistance / battery.cells,
     }
-    if len(robot.rotor_names) in _KINDS:
-        parameters["MAV_TYPE"] = _KINDS[len(robot.rotor_names)]
+    rotors = len(robot.rotor_names)
+    if rotors in _KINDS:
+        parameters["MAV_TYPE"] = _KINDS[rotors]
     if robot.legs_carry_propellers:
-        most = len(robot.rotor_names) * FanModel.of(robot).max_thrust
+        most = rotors * FanModel.of(robot).max_thrust
         parameters |= {
             "MPC_LAND_SPEED": _LAND_SPEED,
             "MPC_THR_HOVER": robot.mass * GRAVITY / most,

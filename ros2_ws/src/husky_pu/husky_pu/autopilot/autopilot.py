@@ -159,8 +159,8 @@ class Autopilot:
         self._turned_at = 0.0
         self._voltage = 0.0
         self._read_changes = -1
-        self._watch = FanWatch(self.mixer.fan, len(self._unknown))
-        self._told = [0.0] * len(self._unknown)
+        self._watch = FanWatch(self.mixer.fan, len(self.mixer.names))
+        self._told = [0.0] * len(self.mixer.names)
         nowhere: Vector = (0.0, 0.0, 0.0)
         return Vehicle(
             p,

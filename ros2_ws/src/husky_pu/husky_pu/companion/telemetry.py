@@ -108,7 +108,9 @@ class Telemetry:
 
     def __init__(self, fans: int) -> None:
         """Nothing is known yet of a unit with so many fans."""
-        self._unknown = (math.nan,) * fans
+        self._fans, self._unknown = fans, (math.nan,) * fans
+        # Those of the fans, then the two of the thrust's axis.
+        self._outputs = attrgetter(*(f"servo{number}_raw" for number in range(1, fans + 3)))
         self.report = Report(pwm=(0,) * fans, fan_speed=self._unknown, fan_ok=(True,) * fans)
         self.autopilot = 0
         self.invalid = 0
@@ -186,13 +188,12 @@ class Telemetry:
         )
 
     def _servo_output_raw(self, message: Message) -> None:
-        outputs = _outputs(message)
-        fans = len(self._unknown)
+        *pwm, pitch, roll = self._outputs(message)
         self.report = replace(
             self.report,
             boot_us=self._unwrap(message.time_usec),
-            pwm=outputs[:fans],
-            tilt=(outputs[fans], outputs[fans + 1]),
+            pwm=tuple(pwm),
+            tilt=(pitch, roll),
         )
 
     def _esc_status(self, message: Message) -> None:
@@ -202,7 +203,7 @@ class Telemetry:
             self.report = replace(self.report, fan_speed=speed)
 
     def _esc_info(self, message: Message) -> None:
-        everyone = (1 << len(self._unknown)) - 1
+        everyone = (1 << self._fans) - 1
         self._escs_tell = message.info & everyone == everyone
         sound = [flags == 0 for flags in message.failure_flags]
         self.report = replace(
@@ -273,9 +274,6 @@ _NOTED = {
     "SYS_STATUS": Telemetry._sys_status,
     "STATUSTEXT": Telemetry._statustext,
 }
-
-
-_outputs = attrgetter(*(f"servo{number}_raw" for number in range(1, 17)))
 
 
 def _with_batch(of_all: tuple[T, ...], batch: Sequence[T], first: int) -> tuple[T, ...]:

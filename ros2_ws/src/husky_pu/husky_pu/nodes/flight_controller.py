@@ -26,7 +26,7 @@ from husky_pu.radio import sbus
 from husky_runtime import graph
 from husky_runtime.lockstep import Peer, Presence
 from husky_runtime.nodes import diagnostics, qos, stamps
-from husky_runtime.nodes.message_guard import Refused, refuser
+from husky_runtime.nodes.message_guard import check_count, refuser
 from husky_runtime.nodes.one_clock import OneClock
 from husky_runtime.nodes.parameters import declare
 from husky_runtime.nodes.presence import make_peer
@@ -88,10 +88,8 @@ class FlightController(OneClock, Node):
         self._gate.hear_witness(stamps.to_ns(clock.clock))
 
     def _on_sensors(self, message: FlightSensors) -> None:
-        count = len(self._names)
-        for name, values in (("speed", message.fan_speed), ("current", message.fan_current)):
-            if len(values) != count:
-                raise Refused(f"fan_{name} holds {len(values)} values, it must be {count}")
+        check_count("fan_speed", message.fan_speed, len(self._names))
+        check_count("fan_current", message.fan_current, len(self._names))
         for turn, each in self._gate.admit(stamps.to_ns(message.stamp), message):
             if turn is Turn.REPEAT:
                 if self._tick_ns >= 0:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import traceback
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sized
 from typing import Any
 
 from rcl_interfaces.msg import SetParametersResult
@@ -144,6 +144,16 @@ class MessageGuard:
         self.last = f"{topic}: {type(error).__name__}: {error}"[:_REASON]
         told = "".join(traceback.format_exception(error))
         self._logger.error(f"{topic}: its callback has failed\n{told}", throttle_duration_sec=1.0)
+
+
+def check_count(field: str, values: Sized, count: int) -> None:
+    """Refuse a message, in its own callback, whose list is not as long as this robot's.
+
+    Raises:
+        Refused: it is not.
+    """
+    if len(values) != count:
+        raise Refused(f"{field} holds {len(values)} values, it must be {count}")
 
 
 def refuser(node: Node, topic: str) -> Callable[[str], None]:

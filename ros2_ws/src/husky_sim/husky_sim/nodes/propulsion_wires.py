@@ -11,7 +11,7 @@ from rclpy.subscription import Subscription
 from husky_msgs.msg import FanCommand, FanState, FlightSensors
 from husky_runtime import graph
 from husky_runtime.nodes import qos, stamps
-from husky_runtime.nodes.message_guard import Refused
+from husky_runtime.nodes.message_guard import check_count
 from husky_runtime.nodes.presence import make_peer
 from husky_sim.devices.t265.device import T265Device
 from husky_sim.nodes.answered_wire import AnsweredWire
@@ -70,9 +70,7 @@ class PropulsionWires(AnsweredWire):
 
     # The tick -------------------------------------------------------------------------------
     def _on_command(self, command: FanCommand) -> None:
-        count = len(self._fan_targets)
-        if len(command.pwm) != count:
-            raise Refused(f"pwm holds {len(command.pwm)} values, it must be {count}")
+        check_count("pwm", command.pwm, len(self._fan_targets))
         stamp = stamps.to_ns(command.stamp)
         if stamp > self._world.time_ns:
             return  # of a time before a reset
@@ -156,11 +154,10 @@ class PropulsionWires(AnsweredWire):
             ValueError: no such fault.
         """
         unit = self._fans.unit
-        fans = self._fan_targets
-        if target in fans:
+        if target in self._fan_targets:
             if fault not in ("", "fail"):
                 raise ValueError(f"fault of a fan is {fault!r}, it must be fail or empty")
-            (unit.fail_fan if fault else unit.heal)(fans.index(target))
+            (unit.fail_fan if fault else unit.heal)(self._fan_targets.index(target))
         elif target == "battery":
             unit.set_charge(float(fault) if fault else 1.0)
         elif target == "t265":

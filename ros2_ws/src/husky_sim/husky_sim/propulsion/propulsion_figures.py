@@ -130,7 +130,7 @@ def main() -> None:
         print(f"| {hover_time(other):.0f} |")
     print()
     unit = armed_unit(robot)
-    pulses = np.full(4, 1500, np.uint16)
+    pulses = np.full(len(unit.speed), 1500, np.uint16)
     cost = min(timeit.repeat(lambda: unit.step(pulses, STEP), number=2000, repeat=7)) / 2000
     print(f"a step costs {1e6 * cost:.1f} us on this machine")
 
