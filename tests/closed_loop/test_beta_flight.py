@@ -125,7 +125,7 @@ def test_tilted_propellers_turn_it_sooner_and_come_upright_again(hovering):
         assert robot.heading - start == pytest.approx(math.radians(30.0), abs=math.radians(2.0))
         greatest[share] = np.abs(tilts).max()
     assert times[1.0] < 0.75 * times[0.0]
-    assert greatest[0.0] == 0.0 and math.radians(1.0) < greatest[1.0] < math.radians(8.1)
+    assert greatest[0.0] == 0.0 and math.radians(0.5) < greatest[1.0] < math.radians(8.1)
     assert robot.controller.request_mode("splay")[0]
     robot.run(0.2)
     np.testing.assert_allclose(robot.controller.command.position[0::3], upright, atol=1e-12)
@@ -187,13 +187,14 @@ def test_a_lost_rotor_is_found_and_the_other_three_bring_it_down(hovering, leg):
 
 
 def test_an_arm_whose_hip_gives_way_is_evened_out_by_the_one_across(hovering):
-    """The limp arm goes to its stop, 20 degrees up; with the other one held it drifts by 0.5 m."""
+    """The limp arm goes to its stop, 12 degrees up."""
     robot = hovering
     start = robot.data.qpos[:2].copy()
     robot.lose_servo("front_left_hip_frontal")
     robot.run(0.5)
     hips = robot.data.qpos[7::3]
-    assert hips[0] > math.radians(108.0) and hips[1] == pytest.approx(-hips[0], abs=0.05)
+    stop = robot.robot.joint_upper[0]
+    assert hips[0] > stop - 0.02 and hips[1] == pytest.approx(-hips[0], abs=0.05)
     tilt, sink, spin, last = come_down(robot)
     assert tilt < 4.0 and last < 2.0 and sink < 0.4 and spin < 0.3
     assert np.linalg.norm(robot.data.qpos[:2] - start) < 0.25

@@ -14,7 +14,7 @@ GRACE = 5.0
 SETTINGS = {
     graph.PLANT: {"robot": "beta", "grace": GRACE, "seed": 1},
     graph.SERVO_BRIDGE: {"robot": "beta", "grace": GRACE},
-    graph.LOW_LEVEL_CONTROLLER: {"robot": "beta", "grace": GRACE, "stand.duration": 0.8},
+    graph.LOW_LEVEL_CONTROLLER: {"robot": "beta", "grace": GRACE, "stand.duration": 0.9},
 }
 JOINT = "front_left_knee"
 

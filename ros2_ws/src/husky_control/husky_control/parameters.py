@@ -99,16 +99,16 @@ _GAINS: dict[str, Parameter] = {
     "safety.joint_age": _P(2.0, 2.0, 50.0, "ticks", "Age of the joint states beyond which they trip; 2 forgives one lost frame"),
 }
 _WITH_PROPELLERS: dict[str, Parameter] = {
-    "contact.standing_force": _P(4.5, 1.7, 8.0, "N", "Vertical force that tells contact of a leg that is to stand; where servos' friction asks for more of one that swings"),
+    "contact.standing_force": _P(10.0, 4.0, 18.0, "N", "Vertical force that tells contact of a leg that is to stand; where servos' friction asks for more of one that swings"),
     "balance.legs": _P(0.0, 0.0, 5.0, "-", "Legs that mode balance splays: 0 to 3 front left, front right, hind left, hind right; 4 front left and hind right, 5 front right and hind left"),
-    "balance.margin": _P(0.02, 0.005, 0.04, "m", "How far inside of the edge of the feet one propeller keeps the centre of pressure"),
-    "balance.beyond": _P(0.01, -0.02, 0.03, "m", "How far outside of that edge the body then holds its centre of mass"),
-    "balance.idle_thrust": _P(1.0, 0.3, 3.0, "N", "Least thrust of a propeller that helps to balance"),
-    "balance.stiffness": _P(14.0, 0.0, 22.0, "N m/rad", "Moment about the edge asked of the propellers by tilt, beside what statics ask for"),
-    "balance.damping": _P(2.8, 2.0, 6.0, "N m s/rad", "The same by the rate of tilting"),
+    "balance.margin": _P(0.04, 0.01, 0.08, "m", "How far inside of the edge of the feet one propeller keeps the centre of pressure"),
+    "balance.beyond": _P(0.01, -0.04, 0.05, "m", "How far outside of that edge the body then holds its centre of mass"),
+    "balance.idle_thrust": _P(2.3, 0.7, 7.0, "N", "Least thrust of a propeller that helps to balance"),
+    "balance.stiffness": _P(30.0, 0.0, 60.0, "N m/rad", "Moment about the edge asked of the propellers by tilt, beside what statics ask for"),
+    "balance.damping": _P(10.0, 6.0, 20.0, "N m s/rad", "The same by the rate of tilting"),
     "balance.thrust_vectoring": _P(1.0, 0.0, 1.0, "-", "Share of what such arms do to hold the heading, by tilting the propellers (T21)"),
-    "balance.yaw_stiffness": _P(0.5, 0.0, 2.0, "N m/rad", "Yaw moment asked of tilted propellers by heading error"),
-    "balance.yaw_damping": _P(0.05, 0.0, 0.3, "N m s/rad", "The same by yaw rate"),
+    "balance.yaw_stiffness": _P(2.2, 0.0, 9.0, "N m/rad", "Yaw moment asked of tilted propellers by heading error"),
+    "balance.yaw_damping": _P(0.3, 0.0, 1.8, "N m s/rad", "The same by yaw rate"),
     "quadrotor.height": _P(0.5, 0.2, 5.0, "m", "Height of the flight above where it took off"),
     "quadrotor.landing_depth": _P(0.25, 0.05, 5.0, "m", "How far below where it took off a landing that was asked for looks for ground; then it holds again"),
     "quadrotor.max_speed": _P(0.5, 0.0, 1.5, "m/s", "Largest speed in flight accepted, ahead and to the side"),
@@ -119,7 +119,7 @@ _WITH_PROPELLERS: dict[str, Parameter] = {
     "quadrotor.trim_limit": _P(1.0, 0.2, 1.5, "m/s^2", "Most of that acceleration"),
     "quadrotor.thrust_vectoring": _P(0.0, 0.0, 1.0, "-", "Share of what the arms do to turn the body, by tilting the propellers (T21); 0 holds them still"),
     "quadrotor.yaw_gain": _P(4.0, 1.0, 6.0, "1/s", "Yaw rate per heading error that tilted propellers are to give"),
-    "quadrotor.yaw_damping": _P(0.2, 0.1, 0.35, "N m s/rad", "Yaw moment asked of tilted propellers per error of that rate"),
+    "quadrotor.yaw_damping": _P(0.35, 0.2, 0.45, "N m s/rad", "Yaw moment asked of tilted propellers per error of that rate"),
     "quadrotor.arm_sweep": _P(0.0, -0.2, 0.2, "rad", "Sweep of the arms about the hip sagittal axes by which front and hind ones near each other, in the hold"),
 }
 """Of a robot whose legs carry propellers, at its own size."""

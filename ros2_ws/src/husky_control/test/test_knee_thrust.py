@@ -1,11 +1,13 @@
 """Statics of standing legs and lifting propellers against the forces that the feet then bear."""
 
+import itertools
+
 import numpy as np
 import pytest
 
 from husky_control.flight.knee_thrust import SingleRotors, edge_of, pair_thrusts, thrust_for_margin
 from husky_control.kinematics import Kinematics
-from husky_control.modes.balance_steps import BESIDE, BalanceSteps, legs_of
+from husky_control.modes.balance_steps import BESIDE, SPEED_SHARE, BalanceSteps, legs_of
 from husky_control.modes.morph_postures import MorphPostures
 from husky_description.fan import FanModel
 from husky_description.gravity import GRAVITY
@@ -15,6 +17,8 @@ from husky_description.rotor_geometry import flight_posture, rotor_geometry
 ROBOT = load_robot("beta")
 KINEMATICS = Kinematics(ROBOT)
 WEIGHT = ROBOT.mass * GRAVITY
+MARGIN = 0.04
+"""Centre of pressure inside of the edge that is asked for [m]."""
 
 
 def situation(joints, leg):
@@ -51,16 +55,16 @@ def test_thrust_puts_the_pressure_where_it_is_wanted(leg, seed):
     standing = tuple(other for other in range(4) if other != leg)
     feet[:, 2] = feet[list(standing), 2].mean()  # as they stand on the ground
     edge = edge_of(feet, leg, center, rotor, axis)
-    assert edge.inside < 0.02  # feet alone would not hold it there
+    assert edge.inside < MARGIN  # feet alone would not hold it there
     thrust = np.zeros(4)
-    thrust[leg] = thrust_for_margin(edge, leg, WEIGHT, 0.02)
+    thrust[leg] = thrust_for_margin(edge, leg, WEIGHT, MARGIN)
     loads = foot_loads(feet, standing, center, thrust, rotor, axis)
     pressure = loads @ feet[list(standing)] / loads.sum()
-    assert float(edge.inward @ (pressure - feet[leg ^ 1])) == pytest.approx(0.02, abs=1e-6)
-    assert edge.pressure(WEIGHT, thrust) == pytest.approx(0.02, abs=1e-9)
+    assert float(edge.inward @ (pressure - feet[leg ^ 1])) == pytest.approx(MARGIN, abs=1e-6)
+    assert edge.pressure(WEIGHT, thrust) == pytest.approx(MARGIN, abs=1e-9)
     assert loads.min() > 0.0
     weaker = 0.5 * thrust
-    assert edge.pressure(WEIGHT, weaker) < 0.02
+    assert edge.pressure(WEIGHT, weaker) < MARGIN
     assert 0.0 < thrust[leg] < FanModel.of(ROBOT).max_thrust
 
 
@@ -98,18 +102,22 @@ def test_a_wrench_that_the_mixer_turns_into_one_rotor():
 def test_steps_hold_the_centre_of_mass_where_they_say(choice):
     legs = legs_of(choice)
     steps = BalanceSteps(ROBOT, MorphPostures(ROBOT)).plan(
-        np.array(ROBOT.stand_joint_position), legs, 0.02, 0.01
+        np.array(ROBOT.stand_joint_position), legs, 0.04, 0.01
     )
     for step in steps[1:]:
         *_, edge = situation(step.posture, legs[0])
         feet = KINEMATICS.foot_positions(step.posture)
         feet[list(step.lifted), 2] = feet[legs[0] ^ 1, 2]
         if not step.working:
-            assert edge.inside == pytest.approx(BESIDE, abs=2e-3)
+            beside = BESIDE * (ROBOT.thigh_length + ROBOT.shin_length)
+            assert edge.inside == pytest.approx(beside, abs=2e-3)
         standing = [leg for leg in range(4) if leg not in step.lifted]
         start = KINEMATICS.foot_positions(steps[0].posture)[standing]
         moved = feet[standing] - start  # all alike: no foot slides
         np.testing.assert_allclose(moved, np.tile(moved[0], (len(standing), 1)), atol=1e-9)
+    for before, step in itertools.pairwise(steps):
+        fastest = np.abs(step.posture - before.posture).max() * 1.875 / step.time
+        assert fastest < SPEED_SHARE * ROBOT.joint_velocity_limit.min() + 1e-9
     lifts = [len(step.lifted) for step in steps]
     assert lifts[0] == 0 and max(lifts) == len(legs)
     *_, last = situation(steps[-1].posture, legs[0])

@@ -194,9 +194,9 @@ def test_beta_s_fit_each_other_and_carry_its_file_s():
         assert parameters[name] == value
     for name in parameters:
         parameters.set(name, parameters[name])
-    words = "gait.trot.period must be within 0.3 to 0.364 s, not 0.5"
+    words = "gait.trot.period must be within 0.36 to 0.5 s, not 0.6"
     with pytest.raises(ValueError, match=re.escape(words)):
-        parameters.set("gait.trot.period", 0.5)
+        parameters.set("gait.trot.period", 0.6)
 
 
 def test_a_file_s_gain_that_there_is_not_is_refused(tmp_path):

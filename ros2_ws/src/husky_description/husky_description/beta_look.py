@@ -8,8 +8,8 @@ import math
 from husky_description.robot import Robot
 from husky_description.shapes import ALONG_X, Shape, ball, box, disc, moved
 
-SERVO = (0.0285, 0.034, 0.0465)
-"""Case of a DYNAMIXEL XM430 [m]: width, depth with the horn's side, height."""
+SERVO = (0.0335, 0.044, 0.0585)
+"""Case of a DYNAMIXEL XM540 [m]: width, depth with the horn's side, height."""
 
 
 def body_look(robot: Robot) -> list[Shape]:
@@ -22,7 +22,7 @@ def body_look(robot: Robot) -> list[Shape]:
         )
     for hip in robot.hip_position:
         fore = math.copysign(1.0, hip[0])
-        middle = hip[0] - fore * 0.045
+        middle = hip[0] - fore * 0.050
         shapes.append(box("printed", (middle, hip[1], 0), (SERVO[1], SERVO[2], SERVO[0])))
         shapes.append(box("label", (middle, hip[1], SERVO[0] / 2), (0.020, 0.020, 0.001)))
         shapes.append(disc("aluminium", (hip[0] - fore * 0.025, hip[1], 0), 0.011, 0.006, ALONG_X))
@@ -59,40 +59,41 @@ def _plates(robot: Robot) -> list[Shape]:
 
 
 def servo_hip_look(robot: Robot, leg: int) -> list[Shape]:
-    """Bracket on the frontal axis and the sagittal servo in it."""
+    """Bracket on the frontal axis, in it the sagittal servo and, behind, that of the knee."""
     side, plane = float(robot.side[leg]), float(robot.lateral_offset[leg])
-    inner = plane - side * 0.026
+    inner = plane - side * (SERVO[1] / 2 + 0.010)
+    knee = (-SERVO[0] - 0.002, inner, 0.010)
     return [
         disc("aluminium", (0, 0, 0), 0.012, 0.040, ALONG_X),
         box("printed", (0, side * 0.010, 0), (0.030, 0.020, 0.026)),
-        box("printed", (0, inner, 0.010), (SERVO[0], SERVO[1], SERVO[2])),
-        box("label", (0, inner, 0.0335), (0.018, 0.020, 0.001)),
-        disc("aluminium", (0, plane - side * 0.007, 0), 0.0115, 0.005),
+        box("printed", (0, inner, 0.010), SERVO),
+        box("printed", knee, SERVO),
+        box("label", (0, inner, 0.010 + SERVO[2] / 2), (0.022, 0.026, 0.001)),
+        disc("aluminium", (0, plane - side * 0.007, 0), 0.0145, 0.005),
+        disc("aluminium", (knee[0], plane - side * 0.007, 0), 0.0145, 0.005),
     ]
 
 
 def pod_look(robot: Robot, leg: int) -> list[Shape]:
-    """Knee servo, propeller motor and propeller; the origin is the pod's centre."""
+    """Propeller motor and propeller outside the knee's pins; the origin is the pod's centre."""
     side, pod, propellers = float(robot.side[leg]), robot.knee_pod, robot.propellers
     blades = side * (propellers.offset - pod.offset)
-    servo = -side * pod.offset
     shapes = [
-        box("printed", (0, servo - side * 0.002, 0.010), SERVO),
-        disc("aluminium", (0, servo + side * 0.016, 0), 0.0115, 0.004),
-        disc("carbon", (0, side * (0.025 - pod.offset), 0), 0.0170, 0.004),
-        disc("aluminium", (0, side * (0.033 - pod.offset), 0), 0.0165, 0.012),
-        disc("red", (0, side * (0.041 - pod.offset), 0), 0.0168, 0.004),
+        disc("aluminium", (0, side * (0.012 - pod.offset), 0), 0.0115, 0.020),
+        disc("carbon", (0, side * (0.026 - pod.offset), 0), 0.0190, 0.006),
+        disc("aluminium", (0, side * (0.038 - pod.offset), 0), 0.0175, 0.018),
+        disc("red", (0, side * (0.050 - pod.offset), 0), 0.0178, 0.006),
         disc("aluminium", (0, blades, 0), 0.0040, 0.018),
         ball("aluminium", (0, blades + side * 0.009, 0), 0.0045),
     ]
-    radius, root = propellers.diameter / 2, 0.007
+    radius, root = propellers.diameter / 2, 0.010
     pitch = float(propellers.spin[leg]) * math.radians(14)
     for along in (-1.0, 1.0):
         middle = along * (root + radius) / 2
         shapes.append(
             box(
-                "orange", (middle, blades, 0), (radius - root, 0.0018, 0.015), (along * pitch, 0, 0)
+                "orange", (middle, blades, 0), (radius - root, 0.0020, 0.022), (along * pitch, 0, 0)
             )
         )
-    shapes.append(disc("orange", (0, blades, 0), 0.009, 0.006))
+    shapes.append(disc("orange", (0, blades, 0), 0.011, 0.008))
     return shapes

@@ -254,8 +254,13 @@ def _add_leg(spec: mujoco.MjSpec, base: mujoco.MjsBody, robot: Robot, leg: int) 
         quat=_quaternion([math.pi / 2, 0, 0]),
     )
     # The tubes end short of the hip housing and of the foot: the sphere alone touches the ground.
-    _add_capsule(spec, thigh, f"{name}_thigh", robot.leg.hip_radius, robot.thigh_length, radius)
-    _add_capsule(spec, shin, f"{name}_shin", 0.0, robot.shin_length - 2 * robot.foot_radius, radius)
+    # A leg that folds next to the ground has nothing at the serial equivalent's knee: its femur
+    # ends at the pod, and its ankle link is at the foot.
+    folds = robot.legs_carry_propellers
+    femur = robot.leg.thigh_link if folds else robot.thigh_length
+    above, foot_end = robot.shin_length / 2 if folds else 0.0, 2 * robot.foot_radius
+    _add_capsule(spec, thigh, f"{name}_thigh", robot.leg.hip_radius, femur, radius)
+    _add_capsule(spec, shin, f"{name}_shin", above, robot.shin_length - foot_end, radius)
     foot = down * robot.shin_length
     sphere = mujoco.mjtGeom.mjGEOM_SPHERE
     _add_collision(spec, shin, f"{name}_foot", sphere, size=[robot.foot_radius, 0, 0], pos=foot)

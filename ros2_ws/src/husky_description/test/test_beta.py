@@ -24,17 +24,17 @@ TREE = yaml.safe_load(share_path("config/beta.yaml").read_text())
 POUND, INCH_POUND, RPM = 4.4482216, 0.11298483, math.pi / 30
 
 PARTS_OF_BODY = {
-    "four hip frontal servos": 4 * 0.082,
+    "four hip frontal servos": 4 * 0.165,
     "computer": 0.155,
     "flight controller and power module": 0.060,
     "servo controller and converters": 0.070,
-    "four speed controllers": 0.048,
+    "four speed controllers": 0.120,
     "T265": 0.055,
     "VN-200": 0.016,
-    "two vertical plates": 0.092,
-    "frame and brackets": 0.130,
-    "perch": 0.060,
-    "wiring": 0.070,
+    "two vertical plates": 0.150,
+    "frame and brackets": 0.330,
+    "perch": 0.120,
+    "wiring": 0.110,
     "fasteners": 0.036,
 }
 """The table of docs/beta.md [kg]."""
@@ -85,14 +85,14 @@ def test_masses_add_up():
 
 
 def test_propellers_are_those_of_the_maker_s_table():
-    """Points of APC's static predictions of the 7x4E; three digits leave 1 % at 4000 rpm."""
+    """Points of APC's static predictions of the 12x4.5MR; three digits leave 1 % at 4000 rpm."""
     for rpm, pounds, inch_pounds in (
-        (4000, 0.151, 0.076),
-        (9000, 0.773, 0.358),
-        (10000, 0.956, 0.440),
-        (13000, 1.627, 0.735),
-        (15000, 2.177, 0.976),
-        (16000, 2.485, 1.110),
+        (4000, 0.952, 0.623),
+        (5000, 1.492, 0.957),
+        (7000, 2.946, 1.842),
+        (8000, 3.865, 2.396),
+        (9000, 4.918, 3.029),
+        (11000, 7.443, 4.545),
     ):
         thrust = ROBOT.propellers.static_thrust(rpm * RPM)
         torque = ROBOT.propellers.static_torque(rpm * RPM)
@@ -111,7 +111,7 @@ def test_full_speed_is_what_motor_and_battery_give():
         load = 4 * current + battery.idle_power / 14.8
         return 14.8 - load * resistance - current * p.resistance - speed / p.speed_constant
 
-    assert p.full_speed == pytest.approx(brentq(surplus, 500.0, 1880.0), rel=0.002)
+    assert p.full_speed == pytest.approx(brentq(surplus, 300.0, 1150.0), rel=0.002)
     assert 1.6 <= 4 * FanModel.of(ROBOT).max_thrust / (ROBOT.mass * GRAVITY) <= 2.0
 
 
@@ -119,7 +119,7 @@ def test_servo_is_one_that_exists_and_its_gains_are_the_law_s():
     servo, law = ROBOT.bus_servo, ROBOT.servo
     assert MODEL_NUMBERS[servo.model] == servo.model_number
     assert law.torque_limit == servo.torque_limit < servo.stall_torque
-    assert ROBOT.joint_velocity_limit[0] == servo.no_load_speed
+    assert ROBOT.joint_velocity_limit[0] < servo.no_load_speed
     radian, full = servo.resolution / (2 * math.pi), 885.0  # counts; steps of PWM
     kp = servo.position_p / 128 * radian / full * servo.stall_torque
     kd = servo.position_d / 16 * radian / 1000 / full * servo.stall_torque
@@ -161,17 +161,18 @@ def test_a_sweep_puts_the_lift_over_the_centre_of_mass(model, data):
     assert touching(model, data) == set()
     places = np.array([data.site(f"{leg}_propeller").xpos for leg in ROBOT.legs])
     apart = np.linalg.norm(places[:, None] - places[None], axis=2)[np.triu_indices(4, 1)]
-    assert apart.min() > 1.5 * ROBOT.propellers.diameter
+    assert apart.min() > 1.25 * ROBOT.propellers.diameter
 
 
 def test_nothing_touches_on_the_way_from_sitting_to_flight(model, data):
     """Fold the legs, splay, sweep: beyond the feet on the ground there is no contact."""
     _, sagittal, knee = ROBOT.sit_joint_position[:3]
+    fold, leg = 0.68, ROBOT.leg  # so far that the discs of left and right stay apart
     feet = {frozenset(("floor", name)) for name in ROBOT.foot_names}
     ways = [
-        ((0.0, sagittal, knee), (0.0, sagittal, -2.5)),
-        ((0.0, sagittal, -2.5), (math.pi / 2, sagittal, -2.5)),
-        ((math.pi / 2, sagittal, -2.5), (math.pi / 2, -0.15, FLIGHT_KNEE)),
+        ((0.0, sagittal, knee), (0.0, fold, -2.6)),
+        ((0.0, fold, -2.6), (math.pi / 2, fold, -2.6)),
+        ((math.pi / 2, fold, -2.6), (math.pi / 2, -0.1, FLIGHT_KNEE)),
     ]
     for start, end in ways:
         for share in np.linspace(0.0, 1.0, 41):
@@ -179,6 +180,11 @@ def test_nothing_touches_on_the_way_from_sitting_to_flight(model, data):
             assert touching(model, data) <= feet
             assert np.all(data.qpos[7:] >= ROBOT.joint_lower)
             assert np.all(data.qpos[7:] <= ROBOT.joint_upper)
+            # The parallelogram's own ends, which the serial equivalent has elsewhere.
+            thigh, shin = (data.body(f"front_left_{link}") for link in ("thigh", "shin"))
+            pin = thigh.xpos - leg.thigh_link * thigh.xmat.reshape(3, 3)[:, 2]
+            ankle = pin - leg.calf_link * shin.xmat.reshape(3, 3)[:, 2]
+            assert min(pin[2], ankle[2]) > 2 * leg.tube_outer_radius
 
 
 def test_standing_and_sitting_keep_propellers_off_the_ground(model, data):
@@ -195,8 +201,8 @@ def test_standing_and_sitting_keep_propellers_off_the_ground(model, data):
 
 def test_it_rests_on_the_perch_with_its_legs_splayed(model, data):
     """Held by the servos' law at their limit, it comes to rest level, on the perch alone."""
-    target = np.ravel([[side * math.pi / 2, -0.14, FLIGHT_KNEE] for side in ROBOT.side])
-    put(model, data, "sit", math.pi / 2, -0.14, FLIGHT_KNEE)
+    target = np.ravel([[side * math.pi / 2, -0.1, FLIGHT_KNEE] for side in ROBOT.side])
+    put(model, data, "sit", math.pi / 2, -0.1, FLIGHT_KNEE)
     law = ROBOT.servo
     peak = np.zeros(12)
     for _ in range(2000):
@@ -208,8 +214,8 @@ def test_it_rests_on_the_perch_with_its_legs_splayed(model, data):
     assert np.abs(data.qvel).max() < 0.01
     x, y, z, w = np.roll(data.qpos[3:7], -1)
     assert Rotation.from_quat([x, y, z, w]).magnitude() < math.radians(3.0)
-    # The pod, 0.15 m out, is most of what each hip frontal servo holds.
-    assert 0.2 < peak.max() < 1.0
+    # Shin and foot, 0.22 m out, are most of what each hip frontal servo holds.
+    assert 0.5 < peak.max() < 2.0
 
 
 def test_hover_asks_less_of_the_hips_than_the_servos_give():

@@ -135,7 +135,7 @@ def test_other_payloads_agree(payload, pair, postures):
 
 
 def test_total_mass(pair):
-    masses = {"husky_carbon": 7.6, "husky_beta": 2.652}
+    masses = {"husky_carbon": 7.6, "husky_beta": 6.11}
     mass = masses[pair.robot.name]
     assert pin.computeTotalMass(pair.pin_model) == pytest.approx(mass, abs=1e-9)
     assert pair.model.body_subtreemass[0] == pytest.approx(mass, abs=1e-9)

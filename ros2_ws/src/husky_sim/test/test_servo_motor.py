@@ -121,7 +121,7 @@ def test_friction_is_taken_off_what_is_told_of_a_moving_joint():
 
 
 def test_the_winding_heats_as_one_capacity_and_shuts_down_at_its_limit():
-    current = 1.0
+    current = 2.0
     limit = 60.0
     motors = make_motors(goal_current=current, temperature_limit=limit)
     motors.records["shutdown"] = int(HardwareError.OVERHEATING)

@@ -19,8 +19,8 @@ from husky_description.rotor_geometry import flight_posture, rotor_geometry
 
 TILT_LIMIT = math.radians(8.0)
 """Greatest angle of a hip from the posture of flight [rad]; thrust along z loses 1 % by it."""
-TILT_SPEED = 3.0
-"""Greatest speed at which a hip goes there [rad/s]; bus servos turn at 10 at most."""
+TILT_SPEED = 1.0
+"""Greatest speed at which a hip goes there [rad/s]; bus servos turn at 3 at most."""
 _STEP = 1e-4
 """Of an angle, to differentiate by [rad]."""
 

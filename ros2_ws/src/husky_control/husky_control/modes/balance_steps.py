@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -14,14 +15,18 @@ from husky_description.arrays import Array
 if TYPE_CHECKING:
     from husky_description.robot import Robot
 
-SHIFT_TIME, FOLD_TIME, SPLAY_TIME, SPIN_TIME = 0.8, 0.5, 0.9, 0.5
-"""Of moving the body, of a leg's way from ground to folded, from there to an arm; of spinning a
-propeller up [s]."""
-BESIDE = 0.022
-"""Centre of mass inside of the edge while no propeller works [m]."""
-BETWEEN = -0.020
+SHIFT_TIME, FOLD_TIME, SPLAY_TIME, SPIN_TIME = 1.6, 0.5, 0.9, 0.5
+"""Least ones: of moving the body, of a leg's way from ground to folded, from there to an arm; of
+spinning a propeller up [s]."""
+BESIDE = 0.065
+"""Centre of mass inside of the edge while no propeller works, over the length of a leg [-]."""
+BETWEEN = -0.059
 """The same, on the first leg's side, while the second one is lifted: its propeller can give less
-and more [m]."""
+and more [-]."""
+SPEED_SHARE = 0.5
+"""Of what the joints can do at most, for the fastest on a way."""
+_PEAK = 1.875
+"""Greatest over mean speed of a minimum-jerk motion."""
 _ARM, _FOLDED, _DOWN = "arm", "folded", "down"
 _PLACES = 6
 """Times that the body's place is corrected for the centre of mass."""
@@ -61,6 +66,9 @@ class BalanceSteps:
     def __init__(self, robot: Robot, postures: MorphPostures) -> None:
         """Of a robot whose legs carry propellers."""
         self._kinematics = Kinematics(robot)
+        length = float(robot.thigh_length + robot.shin_length)
+        self._beside, self._between = BESIDE * length, BETWEEN * length
+        self._speed = SPEED_SHARE * float(robot.joint_velocity_limit.min()) / _PEAK
         self._shape = {_ARM: postures.flight, _FOLDED: postures.folded}
 
     def plan(
@@ -84,27 +92,36 @@ class BalanceSteps:
             shapes = {leg: shape for leg, shape in zip(legs, (first, second), strict=False)}
             return self._at(feet, a, inside, shapes)
 
+        beside, between = self._beside, self._between
         one = ((a,), (a,))
         steps = [
             BalanceStep("standing", start.copy(), SHIFT_TIME),
-            BalanceStep("shifting", posture(BESIDE, _DOWN), SHIFT_TIME),
-            BalanceStep("lifting", posture(BESIDE, _FOLDED), FOLD_TIME, (a,), clears=a),
-            BalanceStep("splaying", posture(BESIDE, _ARM), SPLAY_TIME, (a,)),
-            BalanceStep("spinning up", posture(BESIDE, _ARM), SPIN_TIME, *one, margin),
+            BalanceStep("shifting", posture(beside, _DOWN), SHIFT_TIME),
+            BalanceStep("lifting", posture(beside, _FOLDED), FOLD_TIME, (a,), clears=a),
+            BalanceStep("splaying", posture(beside, _ARM), SPLAY_TIME, (a,)),
+            BalanceStep("spinning up", posture(beside, _ARM), SPIN_TIME, *one, margin),
         ]
         if not others:
             steps.append(BalanceStep("leaning", posture(-beyond, _ARM), SHIFT_TIME, *one, margin))
-            return steps
+            return self._in_time(steps)
         b = others[0]
         both = (a, b)
-        return [
-            *steps,
-            BalanceStep("leaning", posture(BETWEEN, _ARM), SHIFT_TIME, *one, 0.004),
-            BalanceStep("lifting", posture(BETWEEN, _ARM, _FOLDED), FOLD_TIME, both, (a,), 0.0, b),
-            BalanceStep("splaying", posture(BETWEEN, _ARM, _ARM), SPLAY_TIME, both, (a,)),
-            BalanceStep("spinning up", posture(BETWEEN, _ARM, _ARM), SPIN_TIME, both, both),
+        steps += [
+            BalanceStep("leaning", posture(between, _ARM), SHIFT_TIME, *one, 0.004),
+            BalanceStep("lifting", posture(between, _ARM, _FOLDED), FOLD_TIME, both, (a,), 0.0, b),
+            BalanceStep("splaying", posture(between, _ARM, _ARM), SPLAY_TIME, both, (a,)),
+            BalanceStep("spinning up", posture(between, _ARM, _ARM), SPIN_TIME, both, both),
             BalanceStep("between", posture(0.0, _ARM, _ARM), SHIFT_TIME, both, both),
         ]
+        return self._in_time(steps)
+
+    def _in_time(self, steps: list[BalanceStep]) -> list[BalanceStep]:
+        """Give the steps' ways as much time as the joint with the longest one takes."""
+        timed = steps[:1]
+        for before, step in itertools.pairwise(steps):
+            furthest = float(np.abs(step.posture - before.posture).max())
+            timed.append(step._replace(time=max(step.time, furthest / self._speed)))
+        return timed
 
     def _at(self, feet: Array, leg: int, inside: float, shapes: dict[int, str]) -> Array:
         """Return the joints (12,) [rad] with the centre of mass so far inside of a leg's edge [m].

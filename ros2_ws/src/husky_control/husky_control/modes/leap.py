@@ -22,8 +22,8 @@ from husky_control.tick_data import CYCLIC_POSITION, TICK, JointCommand
 from husky_description.fan import FanModel
 from husky_description.gravity import GRAVITY
 
-LOW, HIGH = 0.20, 0.32
-"""Base above the feet before and after the push [m]; the legs are 0.34 m long."""
+LOW, HIGH = 0.59, 0.94
+"""Base above the feet before and after the push, over the length of a leg [-]."""
 CROUCH_TIME, PUSH_TIME = 0.8, 0.14
 """[s]."""
 SPIN_TIME, FULL_TIME = 1.2, 0.3
@@ -60,6 +60,7 @@ class Leap(Behaviour):
         self._kinematics = Kinematics(context.robot)
         self._most = len(context.robot.legs) * FanModel.of(context.robot).max_thrust
         self._flight = context.morph.flight
+        self._length = float(context.robot.thigh_length + context.robot.shin_length)
         self._move = PostureMove()
         self.phase = LeapPhase.CROUCH
         self._force = self._spent = 0.0
@@ -73,9 +74,9 @@ class Leap(Behaviour):
         self._begin(LeapPhase.CROUCH)
         self._force = 0.0
         try:
-            feet[:, 2] = -LOW
+            feet[:, 2] = -LOW * self._length
             self._low = self._kinematics.joint_positions(feet)
-            feet[:, 2] = -HIGH
+            feet[:, 2] = -HIGH * self._length
             self._high = self._kinematics.joint_positions(feet)
             way = self.context.postures.straight(start, self._low)
         except ValueError as error:

@@ -25,8 +25,8 @@ CROUCH_TIME = 2.9
 """From standing to where the feet would be `SUNK` above the ground under the perch [s]."""
 SUNK = 0.02
 """How much further than the perch lets it the body is lowered, so that the feet lift [m]."""
-JOINT_SPEED = 1.6
-"""Mean speed of the joint that has the longest way [rad/s]; bus servos turn at 10 at most."""
+JOINT_SPEED = 1.3
+"""Mean speed of the joint that has the longest way [rad/s]; bus servos turn at 3 at most."""
 TOUCHED = 0.6
 """Share of the weight on the feet below which the perch carries the rest."""
 PATIENCE = 0.05

@@ -13,10 +13,18 @@ from husky_description.rotor_geometry import flight_posture, rotor_geometry
 if TYPE_CHECKING:
     from husky_description.robot import Robot
 
-FOLDED_KNEE = -2.5
+FOLDED_KNEE = -2.6
 """Knee angle while the legs splay: feet clear of ground and blades [rad]."""
+DISC_MARGIN = 0.012
+"""Least distance from a propeller's disc to the plane between left and right, splayed [m]."""
 UPRIGHT_AXES = math.cos(math.radians(4.0))
 """Least share of each propeller's thrust that points up in flight."""
+
+
+def _widest_fold(robot: Robot) -> float:
+    """Greatest hip sagittal angle at which splayed discs of left and right stay apart [rad]."""
+    beside = robot.propellers.diameter / 2.0 + DISC_MARGIN - robot.leg.hip_y
+    return math.acos(min(1.0, max(0.0, beside / robot.leg.thigh_link)))
 
 
 class MorphPostures:
@@ -26,8 +34,8 @@ class MorphPostures:
         """Reckon them for a robot with propellers on its legs."""
         self._robot = robot
         self.flight = np.array(flight_posture(robot))
-        sagittal, knee = float(robot.sit_joint_position[1]), FOLDED_KNEE
-        self.folded = np.tile((0.0, sagittal, knee), 4)
+        sagittal = min(float(robot.sit_joint_position[1]), _widest_fold(robot))
+        self.folded = np.tile((0.0, sagittal, FOLDED_KNEE), 4)
         self.splayed = self.folded.copy()
         self.splayed[0::3] = self.flight[0::3]
 

@@ -17,9 +17,9 @@ from husky_experiments.scripts import ready_fans, stand_up
 from husky_experiments.session import Session
 
 _CONTROLLER = "low_level_controller"
-_ONE, _TWO = 4.0, 7.5
+_ONE, _TWO = 8.0, 14.0
 """Time until one leg is an arm, and two are, and the body has leaned [s]."""
-_BACK = 12.0
+_BACK = 20.0
 """Within which all feet must be down again [s]."""
 _AT_REST = 3.0
 """Longest time that the body may sway before it begins [s]."""

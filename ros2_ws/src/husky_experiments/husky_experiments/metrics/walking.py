@@ -26,6 +26,8 @@ _UPRIGHT_MODES = ("stand", "walk", "position_trot")
 _STOPPED_MODES = ("damping", "emergency_stop")
 _FALLEN_HEIGHT = 0.5
 """Base height below which a robot on its legs has fallen, as a share of the stand height."""
+_FALLEN_SHARE = 0.9
+"""Of the height on the perch, below which one that flies from it has fallen."""
 
 
 # Single figures -------------------------------------------------------------------------------
@@ -38,7 +40,11 @@ def height_error(recording: Recording, start: float, end: float) -> float:
 
 def lowest_upright(robot: Robot) -> float:
     """Return the height of the base below which a robot on its legs has fallen [m]."""
-    return _FALLEN_HEIGHT * (robot.stand_height + robot.foot_radius)
+    half = _FALLEN_HEIGHT * (robot.stand_height + robot.foot_radius)
+    if not robot.legs_carry_propellers:
+        return half
+    # On its perch it sits nearly as high, and soft ground gives way.
+    return min(half, _FALLEN_SHARE * (robot.sit_height + robot.foot_radius))
 
 
 def has_fallen(truth: Any, minimum_height: float = 0.27) -> bool:
