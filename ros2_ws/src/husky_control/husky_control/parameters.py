@@ -119,7 +119,7 @@ _WITH_PROPELLERS: dict[str, Parameter] = {
     "quadrotor.trim_limit": _P(1.0, 0.2, 1.5, "m/s^2", "Most of that acceleration"),
     "quadrotor.thrust_vectoring": _P(0.0, 0.0, 1.0, "-", "Share of what the arms do to turn the body, by tilting the propellers (T21); 0 holds them still"),
     "quadrotor.yaw_gain": _P(4.0, 1.0, 6.0, "1/s", "Yaw rate per heading error that tilted propellers are to give"),
-    "quadrotor.yaw_damping": _P(0.35, 0.2, 0.45, "N m s/rad", "Yaw moment asked of tilted propellers per error of that rate"),
+    "quadrotor.yaw_damping": _P(0.2, 0.1, 0.25, "N m s/rad", "Yaw moment asked of tilted propellers per error of that rate"),
     "quadrotor.arm_sweep": _P(0.0, -0.2, 0.2, "rad", "Sweep of the arms about the hip sagittal axes by which front and hind ones near each other, in the hold"),
 }
 """Of a robot whose legs carry propellers, at its own size."""

@@ -17,7 +17,7 @@ from husky_description.arrays import Array
 SWEEP = 0.15
 """Of the two arms beside the lost rotor [rad]: the centre of lift moves by 12 mm."""
 SWEEP_SPEED = 6.0
-"""[rad/s]; bus servos turn at 10 at most."""
+"""[rad/s]; bus servos turn at 3 at most."""
 TILT_PER_RATE, TILT_PER_ANGLE = 0.08, 0.2
 """Angle of the hips per yaw rate [s], and per angle turned [-]."""
 TILT_LIMIT = 0.16
