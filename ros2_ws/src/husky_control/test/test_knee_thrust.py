@@ -7,7 +7,7 @@ import pytest
 
 from husky_control.flight.knee_thrust import SingleRotors, edge_of, pair_thrusts, thrust_for_margin
 from husky_control.kinematics import Kinematics
-from husky_control.modes.balance_steps import BESIDE, SPEED_SHARE, BalanceSteps, legs_of
+from husky_control.modes.balance_steps import BESIDE, PEAK, SPEED_SHARE, BalanceSteps, legs_of
 from husky_control.modes.morph_postures import MorphPostures
 from husky_description.fan import FanModel
 from husky_description.gravity import GRAVITY
@@ -109,14 +109,13 @@ def test_steps_hold_the_centre_of_mass_where_they_say(choice):
         feet = KINEMATICS.foot_positions(step.posture)
         feet[list(step.lifted), 2] = feet[legs[0] ^ 1, 2]
         if not step.working:
-            beside = BESIDE * (ROBOT.thigh_length + ROBOT.shin_length)
-            assert edge.inside == pytest.approx(beside, abs=2e-3)
+            assert edge.inside == pytest.approx(BESIDE * ROBOT.leg_length, abs=2e-3)
         standing = [leg for leg in range(4) if leg not in step.lifted]
         start = KINEMATICS.foot_positions(steps[0].posture)[standing]
         moved = feet[standing] - start  # all alike: no foot slides
         np.testing.assert_allclose(moved, np.tile(moved[0], (len(standing), 1)), atol=1e-9)
     for before, step in itertools.pairwise(steps):
-        fastest = np.abs(step.posture - before.posture).max() * 1.875 / step.time
+        fastest = np.abs(step.posture - before.posture).max() * PEAK / step.time
         assert fastest < SPEED_SHARE * ROBOT.joint_velocity_limit.min() + 1e-9
     lifts = [len(step.lifted) for step in steps]
     assert lifts[0] == 0 and max(lifts) == len(legs)

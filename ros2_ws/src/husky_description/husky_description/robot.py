@@ -152,6 +152,11 @@ class Robot(RobotSections, DriveSections, ServoSections):
     sit_height: float
 
     @property
+    def leg_length(self) -> float:
+        """Of a straight leg, from the hip sagittal axis to the foot's centre [m]."""
+        return self.thigh_length + self.shin_length
+
+    @property
     def legs_carry_propellers(self) -> bool:
         """Whether a propeller is at each knee; if not, fans are on the body."""
         return "propellers" in self.own_sections

@@ -25,7 +25,7 @@ BETWEEN = -0.059
 and more [-]."""
 SPEED_SHARE = 0.5
 """Of what the joints can do at most, for the fastest on a way."""
-_PEAK = 1.875
+PEAK = 1.875
 """Greatest over mean speed of a minimum-jerk motion."""
 _ARM, _FOLDED, _DOWN = "arm", "folded", "down"
 _PLACES = 6
@@ -66,9 +66,8 @@ class BalanceSteps:
     def __init__(self, robot: Robot, postures: MorphPostures) -> None:
         """Of a robot whose legs carry propellers."""
         self._kinematics = Kinematics(robot)
-        length = float(robot.thigh_length + robot.shin_length)
-        self._beside, self._between = BESIDE * length, BETWEEN * length
-        self._speed = SPEED_SHARE * float(robot.joint_velocity_limit.min()) / _PEAK
+        self._beside, self._between = BESIDE * robot.leg_length, BETWEEN * robot.leg_length
+        self._speed = SPEED_SHARE * float(robot.joint_velocity_limit.min()) / PEAK
         self._shape = {_ARM: postures.flight, _FOLDED: postures.folded}
 
     def plan(

@@ -60,7 +60,7 @@ class Leap(Behaviour):
         self._kinematics = Kinematics(context.robot)
         self._most = len(context.robot.legs) * FanModel.of(context.robot).max_thrust
         self._flight = context.morph.flight
-        self._length = float(context.robot.thigh_length + context.robot.shin_length)
+        self._length = context.robot.leg_length
         self._move = PostureMove()
         self.phase = LeapPhase.CROUCH
         self._force = self._spent = 0.0
