@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 TUCKED = 0.01  # m, feet above the ground of a body on its perch, as they go to their places
 CROUCH_FEET = (0.30, 0.28)  # m ahead and beside the base, on an incline; scaled to the legs
 KNOTS = 9  # postures on the way of feet that go straight
+PEAK = 1.875  # greatest over mean speed of a minimum-jerk motion
 
 
 class Postures:

@@ -20,7 +20,7 @@ WEIGHT = ROBOT.mass * 9.80665
 
 def moved(lost, yaw_rate, seconds=0.5):
     """Return the posture after a time in which the body turned steadily."""
-    arms = ThreeRotors()
+    arms = ThreeRotors(ROBOT.joint_speed)
     for _ in range(round(seconds / TICK)):
         posture = POSTURE.copy()
         arms.move_arms(lost, yaw_rate, posture, TICK)
@@ -58,11 +58,11 @@ def test_hips_tilt_against_the_spin_and_push_the_body_nowhere(lost):
 
 
 def test_arms_go_no_further_and_no_faster_than_they_may():
-    arms, before = ThreeRotors(), POSTURE
+    arms, before = ThreeRotors(ROBOT.joint_speed), POSTURE
     for k in range(1000):
         posture = POSTURE.copy()
         arms.move_arms(0, 50.0 if k < 500 else -50.0, posture, TICK)
-        assert np.abs(posture - before).max() / TICK < 6.0 + 1e-6
+        assert np.abs(posture - before).max() / TICK < ROBOT.joint_speed + 1e-6
         before = posture
     assert np.abs(before - POSTURE).max() <= max(SWEEP, TILT_LIMIT) + 1e-9
 

@@ -157,6 +157,11 @@ class Robot(RobotSections, DriveSections, ServoSections):
         return self.thigh_length + self.shin_length
 
     @property
+    def joint_speed(self) -> float:
+        """What every joint can do [rad/s]."""
+        return float(self.joint_velocity_limit.min())
+
+    @property
     def legs_carry_propellers(self) -> bool:
         """Whether a propeller is at each knee; if not, fans are on the body."""
         return "propellers" in self.own_sections

@@ -16,23 +16,24 @@ from husky_description.arrays import Array
 
 SWEEP = 0.15
 """Of the two arms beside the lost rotor [rad]: the centre of lift moves by 12 mm."""
-SWEEP_SPEED = 6.0
-"""[rad/s]; bus servos turn at 3 at most."""
 TILT_PER_RATE, TILT_PER_ANGLE = 0.08, 0.2
 """Angle of the hips per yaw rate [s], and per angle turned [-]."""
 TILT_LIMIT = 0.16
 """Of the hips [rad]; the thrust along z loses 1 % by it."""
-TILT_SPEED = 3.0
-"""[rad/s]."""
 _TURNS = np.array((-1.0, -1.0, 1.0, 1.0))
 """Which way each leg's hip turns for a positive yaw moment."""
 
 
 class ThreeRotors:
-    """Angles of the arms beside the posture of flight."""
+    """Angles of the arms beside the posture of flight; joints turn as fast as they can."""
 
-    def __init__(self) -> None:
-        """As in flight."""
+    def __init__(self, joint_speed: float) -> None:
+        """As in flight.
+
+        Args:
+            joint_speed: what every joint can do [rad/s].
+        """
+        self._speed = joint_speed
         self.reset()
 
     def reset(self) -> None:
@@ -49,12 +50,12 @@ class ThreeRotors:
             dt: since the last call [s].
         """
         forward = lost < 2
-        self._sweep = slewed(self._sweep, -SWEEP if forward else SWEEP, SWEEP_SPEED * dt)
+        self._sweep = slewed(self._sweep, -SWEEP if forward else SWEEP, self._speed * dt)
         turned = self._turned + TILT_PER_ANGLE * yaw_rate * dt
         self._turned = min(TILT_LIMIT, max(-TILT_LIMIT, turned))
         wanted = -TILT_PER_RATE * yaw_rate - self._turned
         wanted = min(TILT_LIMIT, max(-TILT_LIMIT, wanted))
-        self._tilt = slewed(self._tilt, wanted, TILT_SPEED * dt)
+        self._tilt = slewed(self._tilt, wanted, self._speed * dt)
         position[0::3] += self._tilt * _TURNS
         for beside in (lost ^ 1, lost ^ 2):
             position[3 * beside + 1] += self._sweep

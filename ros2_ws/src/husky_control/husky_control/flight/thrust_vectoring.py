@@ -19,8 +19,8 @@ from husky_description.rotor_geometry import flight_posture, rotor_geometry
 
 TILT_LIMIT = math.radians(8.0)
 """Greatest angle of a hip from the posture of flight [rad]; thrust along z loses 1 % by it."""
-TILT_SPEED = 1.0
-"""Greatest speed at which a hip goes there [rad/s]; bus servos turn at 3 at most."""
+SPEED_SHARE = 1.0 / 3.0
+"""Of what the joints can do at most, for a hip that goes there."""
 _STEP = 1e-4
 """Of an angle, to differentiate by [rad]."""
 
@@ -60,6 +60,7 @@ class ThrustVectoring:
     """Angles of the hips beside the posture of flight, limited in size and speed.
 
     Attributes:
+        greatest_speed: at which a hip turns [rad/s].
         angle: of the frontal hips [rad] (4,).
         speed: at which they change [rad/s] (4,).
     """
@@ -67,6 +68,7 @@ class ThrustVectoring:
     def __init__(self, robot: Robot) -> None:
         """Propellers upright."""
         self._tilt_per_moment = tilt_per_moment(robot)
+        self.greatest_speed = SPEED_SHARE * robot.joint_speed
         self.angle, self.speed = np.zeros(4), np.zeros(4)
 
     def reset(self) -> None:
@@ -80,6 +82,6 @@ class ThrustVectoring:
         # All shrink alike, so that they go on giving a moment alone.
         wanted *= min(1.0, TILT_LIMIT / max(float(np.abs(wanted).max()), 1e-9))
         step = wanted - self.angle
-        step *= min(1.0, TILT_SPEED * dt / max(float(np.abs(step).max()), 1e-9))
+        step *= min(1.0, self.greatest_speed * dt / max(float(np.abs(step).max()), 1e-9))
         self.angle += step
         self.speed[:] = step / dt

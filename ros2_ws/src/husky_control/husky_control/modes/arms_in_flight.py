@@ -37,7 +37,7 @@ class ArmsInFlight:
         """In the posture of flight."""
         assert context.vectoring is not None
         self._context, self._vectoring = context, context.vectoring
-        self._limp_arm, self._three_rotors = LimpArm(), ThreeRotors()
+        self._limp_arm, self._three_rotors = LimpArm(), ThreeRotors(context.robot.joint_speed)
         self._sweep = self._yaw_rate = 0.0  # rad, rad/s
         self._north = 0.0  # rad, heading by the flight controller less that by the IMU
 

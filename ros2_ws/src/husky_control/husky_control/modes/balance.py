@@ -22,7 +22,7 @@ from husky_control.flight.knee_thrust import (
     pair_thrusts,
     thrust_for_margin,
 )
-from husky_control.flight.thrust_vectoring import TILT_LIMIT, TILT_SPEED
+from husky_control.flight.thrust_vectoring import TILT_LIMIT
 from husky_control.gait.stance import Load, distribute_weight
 from husky_control.kinematics import LEGS, Kinematics
 from husky_control.modes.balance_steps import BalanceStep, BalanceSteps, legs_of
@@ -49,6 +49,8 @@ PATIENCE = 1.0
 """Time that a guard is waited for before the robot goes back [s]."""
 PUT_DOWN_TIME = 0.40
 """In which legs come down when the propellers are lost [s]."""
+TILT_SHARE = 0.1
+"""Of what the joints can do at most, for a hip that tilts its propeller."""
 LOWEST = 0.006
 """Least margin that the feet alone must have before the first leg is lifted [m]."""
 
@@ -73,6 +75,7 @@ class Balance(Behaviour):
         self._most = 0.9 * FanModel.of(robot).max_thrust
         self._planner, self._kinematics = BalanceSteps(robot, morph), Kinematics(robot)
         self._rotors = SingleRotors(robot)
+        self._tilt_speed = TILT_SHARE * float(robot.joint_speed)
         self._drag = FanModel.of(robot).moment_per_thrust * np.array(robot.propellers.spin)
         self._move = PostureMove()
         self._steps: list[BalanceStep] = []
@@ -303,7 +306,7 @@ class Balance(Behaviour):
             if leg in working and self.thrust[leg] > 0.2:
                 wanted = -share * (moment / self.thrust[leg] + self._drag[leg]) / ahead[leg]
                 wanted = min(TILT_LIMIT, max(-TILT_LIMIT, wanted))
-            most = 0.3 * TILT_SPEED * dt
+            most = self._tilt_speed * dt
             self._tilt[leg] = slewed(self._tilt[leg], wanted, most)
 
     def _carry(

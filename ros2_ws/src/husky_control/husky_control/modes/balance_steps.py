@@ -10,6 +10,7 @@ import numpy as np
 from husky_control.flight.knee_thrust import edge_of
 from husky_control.kinematics import LEGS, Kinematics
 from husky_control.modes.morph_postures import MorphPostures
+from husky_control.posture import PEAK
 from husky_description.arrays import Array
 
 if TYPE_CHECKING:
@@ -25,8 +26,6 @@ BETWEEN = -0.059
 and more [-]."""
 SPEED_SHARE = 0.5
 """Of what the joints can do at most, for the fastest on a way."""
-PEAK = 1.875
-"""Greatest over mean speed of a minimum-jerk motion."""
 _ARM, _FOLDED, _DOWN = "arm", "folded", "down"
 _PLACES = 6
 """Times that the body's place is corrected for the centre of mass."""
@@ -67,7 +66,7 @@ class BalanceSteps:
         """Of a robot whose legs carry propellers."""
         self._kinematics = Kinematics(robot)
         self._beside, self._between = BESIDE * robot.leg_length, BETWEEN * robot.leg_length
-        self._speed = SPEED_SHARE * float(robot.joint_velocity_limit.min()) / PEAK
+        self._speed = SPEED_SHARE * robot.joint_speed / PEAK
         self._shape = {_ARM: postures.flight, _FOLDED: postures.folded}
 
     def plan(

@@ -17,7 +17,7 @@ from husky_control.incline.climbing import Climbing
 from husky_control.kinematics import Kinematics
 from husky_control.modes.command_watch import CommandWatch
 from husky_control.modes.morph_postures import MorphPostures
-from husky_control.posture import Postures
+from husky_control.posture import PEAK, Postures
 from husky_control.safety import Safety
 from husky_control.tick_data import Counters, JointCommand
 from husky_description.arrays import Array
@@ -104,7 +104,7 @@ class ModeContext:
         """Return the time between two postures (12,) [rad] at the gathering speed [s]."""
         furthest = float(np.abs(np.asarray(end) - np.asarray(start)).max())
         # A minimum-jerk motion peaks at 15/8 of its mean speed.
-        return max(0.2, 1.875 * furthest / self.parameters["stand.joint_speed"])
+        return max(0.2, PEAK * furthest / self.parameters["stand.joint_speed"])
 
     def stand_on(self, joint_position: Array) -> None:
         """Let the legs stand as they were commanded to, at joint positions (12,) [rad]."""

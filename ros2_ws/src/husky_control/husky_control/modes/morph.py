@@ -16,6 +16,7 @@ import numpy as np
 from husky_control.modes.behaviour import Event, Happening
 from husky_control.modes.context import ModeContext
 from husky_control.modes.stand_up_and_sit import PostureChange
+from husky_control.posture import PEAK
 from husky_control.rotation import tilt_of
 from husky_control.tick_data import TICK, JointCommand
 from husky_description.arrays import Array
@@ -25,8 +26,8 @@ CROUCH_TIME = 2.9
 """From standing to where the feet would be `SUNK` above the ground under the perch [s]."""
 SUNK = 0.02
 """How much further than the perch lets it the body is lowered, so that the feet lift [m]."""
-JOINT_SPEED = 1.3
-"""Mean speed of the joint that has the longest way [rad/s]; bus servos turn at 3 at most."""
+SPEED_SHARE = 0.8125
+"""Of what the joints can do at most, for the one that has the longest way."""
 TOUCHED = 0.6
 """Share of the weight on the feet below which the perch carries the rest."""
 PATIENCE = 0.05
@@ -47,13 +48,14 @@ class OnPerch(PostureChange):
         super().__init__(name, context)
         assert context.morph is not None
         self._postures = context.morph
+        self._speed = SPEED_SHARE * context.robot.joint_speed / PEAK  # mean on a way
 
     def _follow(self, *postures: Array) -> None:
         """Go from what was commanded through postures (12,) [rad], at rest in each."""
         way = [self.context.command.position.copy(), *postures]
         pairs = [np.stack(pair) for pair in itertools.pairwise(way)]
         furthest = [float(np.abs(b - a).max()) for a, b in pairs]
-        self._move.start(pairs, [max(0.2, part / JOINT_SPEED) for part in furthest])
+        self._move.start(pairs, [max(0.2, part / self._speed) for part in furthest])
 
     def _lifted(self) -> float:
         return 0.0
@@ -92,9 +94,8 @@ class Perch(OnPerch):
         low = c.postures.low(start, SUNK)
         fold = np.stack((low, postures.folded))
         furthest = float(np.abs(postures.folded - low).max())
-        self._move.start(
-            [c.postures.straight(start, low), fold], [CROUCH_TIME, furthest / JOINT_SPEED]
-        )
+        ways = [c.postures.straight(start, low), fold]
+        self._move.start(ways, [CROUCH_TIME, furthest / self._speed])
 
     def estimate(self) -> None:
         """Estimate by the feet until the perch is felt; then stay."""
