@@ -6,15 +6,13 @@ own connection).
 
 import contextlib
 import json
-import re
-import subprocess
-import sys
 import time
 
 import numpy as np
 import pytest
 from flight_bench import VOLTAGE, RunningFlightBench, free_port
-from node_bench import environment, every, values_of
+from mavproxy import MavProxy
+from node_bench import every, values_of
 
 import husky_pu
 from husky_description.robot import load_robot
@@ -232,61 +230,44 @@ def test_mavsdk_is_told_what_there_is_not(bench):
 
 
 def test_mavproxy(bench, tmp_path):
-    address = f"udpout:127.0.0.1:{bench.udp_port}"
-    command = [sys.executable, "-m", "MAVProxy.mavproxy", f"--master={address}"]
-    command += [f"--state-basedir={tmp_path}"]
-    command += ["--default-modules=link,param,arm,mode,cmdlong,ftp,log"]
-    log = tmp_path / "log"
-    with log.open("w") as output:
-        process = subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=output, stderr=output, text=True,
-            cwd=tmp_path, env=environment(PYTHONUNBUFFERED="1"),
-        )  # fmt: skip
+    station = MavProxy(bench.udp_port, tmp_path, "link,param,arm,mode,cmdlong,ftp,log")
+    say, heard = station.say, station.heard
 
-        def say(text):
-            process.stdin.write(text + "\n")
-            process.stdin.flush()
+    def stream(thrust, until, what):
+        """Send setpoints at about 10 Hz until something is true."""
+        bench.wait(until, what, every(0.1, lambda: say(f"attitude 1 0 0 0 {thrust}")))
 
-        def heard(pattern):
-            return re.search(pattern, log.read_text())
+    def later(seconds):
+        end = bench.time_ns + round(1e9 * seconds)
+        return lambda: bench.time_ns > end
 
-        def stream(thrust, until, what):
-            """Send setpoints at about 10 Hz until something is true."""
-            bench.wait(until, what, every(0.1, lambda: say(f"attitude 1 0 0 0 {thrust}")))
-
-        def later(seconds):
-            end = bench.time_ns + round(1e9 * seconds)
-            return lambda: bench.time_ns > end
-
-        try:
-            bench.wait(lambda: heard(r"Received \d\d+ parameters"), "parameters")
-            say("param show COM_OF_LOSS_T")
-            bench.wait(lambda: heard(r"COM_OF_LOSS_T +1\.0"), "a parameter")
-            say("param set COM_OF_LOSS_T 100")
-            bench.wait(lambda: heard("AP: COM_OF_LOSS_T: must be 0 to 60"), "a refusal")
-            say("ftp get /parameters.json")
-            bench.wait(lambda: heard(r"Wrote \d+ bytes to parameters.json"), "a file")
-            say("log list")
-            bench.wait(lambda: heard("No logs"), "that there are no logs")
-            stream(0, later(1.5), "a stream")
-            say("long DO_SET_MODE 1 6")
-            stream(0, lambda: heard("Mode OFFBOARD"), "OFFBOARD")
-            # By force, PX4's way; `arm throttle force` says ArduPilot's number.
-            say("long COMPONENT_ARM_DISARM 1 21196")
-            stream(0, lambda: heard("AP: Armed"), "armed")
-            stream(0.25, later(1.0), "thrust")
-            say("status SERVO_OUTPUT_RAW")
-            stream(0.25, lambda: heard(r"SERVO_OUTPUT_RAW \{"), "pulses")
-            pulses = heard(r"servo1_raw : (\d+)")
-            assert int(pulses[1]) > 1100
-            say("status BATTERY_STATUS")
-            stream(0.25, lambda: heard(r"voltages : \[40\d\d, 40\d\d"), "the battery")
-            say("disarm force")
-            stream(0, lambda: heard("AP: Disarmed"), "disarmed")
-            say("link")
-            bench.wait(lambda: heard(r"link 1 OK .* 0 lost, 0\.0% loss"), "a link without losses")
-            assert not heard("timed out")
-        finally:
-            process.kill()
-            process.wait()
-            print(log.read_text())
+    try:
+        bench.wait(lambda: heard(r"Received \d\d+ parameters"), "parameters")
+        say("param show COM_OF_LOSS_T")
+        bench.wait(lambda: heard(r"COM_OF_LOSS_T +1\.0"), "a parameter")
+        say("param set COM_OF_LOSS_T 100")
+        bench.wait(lambda: heard("AP: COM_OF_LOSS_T: must be 0 to 60"), "a refusal")
+        say("ftp get /parameters.json")
+        bench.wait(lambda: heard(r"Wrote \d+ bytes to parameters.json"), "a file")
+        say("log list")
+        bench.wait(lambda: heard("No logs"), "that there are no logs")
+        stream(0, later(1.5), "a stream")
+        say("long DO_SET_MODE 1 6")
+        stream(0, lambda: heard("Mode OFFBOARD"), "OFFBOARD")
+        # By force, PX4's way; `arm throttle force` says ArduPilot's number.
+        say("long COMPONENT_ARM_DISARM 1 21196")
+        stream(0, lambda: heard("AP: Armed"), "armed")
+        stream(0.25, later(1.0), "thrust")
+        say("status SERVO_OUTPUT_RAW")
+        stream(0.25, lambda: heard(r"SERVO_OUTPUT_RAW \{"), "pulses")
+        pulses = heard(r"servo1_raw : (\d+)")
+        assert int(pulses[1]) > 1100
+        say("status BATTERY_STATUS")
+        stream(0.25, lambda: heard(r"voltages : \[40\d\d, 40\d\d"), "the battery")
+        say("disarm force")
+        stream(0, lambda: heard("AP: Disarmed"), "disarmed")
+        say("link")
+        bench.wait(lambda: heard(r"link 1 OK .* 0 lost, 0\.0% loss"), "a link without losses")
+        assert not heard("timed out")
+    finally:
+        station.close()

@@ -19,6 +19,7 @@ from husky_description.gravity import GRAVITY
 from husky_description.robot import load_robot
 from husky_experiments.scripts import stop_walking
 from husky_msgs.msg import FanState, PropulsionCommand
+from husky_pu.autopilot.mavlink_ports import default_port
 from husky_pu.mavlink.frames import signing_time
 from husky_runtime import graph
 from husky_runtime.nodes import qos, stamps
@@ -241,7 +242,7 @@ class Stranger:
 
     def __init__(self, system: int, component: int, domain: int, key: bytes = b""):
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._address = ("127.0.0.1", 18570 + domain)
+        self._address = ("127.0.0.1", default_port(domain))
         self._codec = mavlink.MAVLink(None, system, component)
         if key:
             self._codec.signing.secret_key = key

@@ -75,7 +75,7 @@ class Balance(Behaviour):
         self._most = 0.9 * FanModel.of(robot).max_thrust
         self._planner, self._kinematics = BalanceSteps(robot, morph), Kinematics(robot)
         self._rotors = SingleRotors(robot)
-        self._tilt_speed = TILT_SHARE * float(robot.joint_speed)
+        self._tilt_speed = TILT_SHARE * robot.joint_speed
         self._drag = FanModel.of(robot).moment_per_thrust * np.array(robot.propellers.spin)
         self._move = PostureMove()
         self._steps: list[BalanceStep] = []

@@ -103,7 +103,6 @@ class ModeContext:
     def gathering_time(self, start: Array, end: Array) -> float:
         """Return the time between two postures (12,) [rad] at the gathering speed [s]."""
         furthest = float(np.abs(np.asarray(end) - np.asarray(start)).max())
-        # A minimum-jerk motion peaks at 15/8 of its mean speed.
         return max(0.2, PEAK * furthest / self.parameters["stand.joint_speed"])
 
     def stand_on(self, joint_position: Array) -> None:
