@@ -260,9 +260,10 @@ def mode_drawing() -> list[str]:
     for row in TRANSITIONS:
         source = _members(row.sources)
         if len(row.sources) > 1:  # drawn as one state, or the arrows hide the machine
-            name = groups.setdefault(source, f"several_{len(groups) + 1}")
-            source, shown = name, source
-            lines.append(f'state "{shown}" as {name}')
+            if source not in groups:
+                groups[source] = f"several_{len(groups) + 1}"
+                lines.append(f'state "{source}" as {groups[source]}')
+            source = groups[source]
         lines.append(f"{source} --> {row.target.value}: {_label(row)}")
     return ["stateDiagram-v2", *(f"    {line}" for line in lines)]
 

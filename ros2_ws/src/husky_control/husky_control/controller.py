@@ -178,6 +178,7 @@ class Controller:
         """Take the transition that a request names, if it is allowed now."""
         row, message = self._machine.request(name)
         if row is not None:
+            self.context.request = name
             self._enter(row, reason)
         return row is not None, message
 

@@ -55,6 +55,11 @@ class Postures:
         feet[:, 2] = clearance - self._sit_height
         return self._kinematics.joint_positions(feet)
 
+    def perch_height(self, posture: Array) -> float:
+        """Return how high the perch is over the lowest foot of a posture (12,) rad, level [m]."""
+        feet = self._kinematics.foot_positions(posture)
+        return -float(feet[:, 2].min()) - self._sit_height
+
     def crouch(self) -> Array:
         """Joint positions (12,) rad low over wide feet, so that a slide down is no tumble."""
         feet = self._sit_feet.copy()

@@ -7,7 +7,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from husky_control.modes.behaviour import Event
-from husky_control.modes.table import ACTIVE, CONDITIONS, IN_THE_AIR, TRANSITIONS, Mode, ModeMachine
+from husky_control.modes.table import (
+    ACTIVE,
+    CONDITIONS,
+    IN_THE_AIR,
+    ON_LEGS,
+    TRANSITIONS,
+    Mode,
+    ModeMachine,
+    modes_of,
+)
+from husky_description.robot import ROBOTS, load_robot
 
 REQUESTS = [mode.value for mode in Mode]
 WORDS = [*REQUESTS, "hover", "", "STAND"]
@@ -17,8 +27,8 @@ STEP = st.tuples(
 )
 
 
-def in_mode(mode, holds=lambda condition: True):
-    machine = ModeMachine(holds)
+def in_mode(mode, holds=lambda condition: True, modes=Mode):
+    machine = ModeMachine(holds, modes)
     machine.mode = mode
     return machine
 
@@ -45,8 +55,9 @@ def test_rows_are_well_formed():
 
 
 def test_a_mode_answers_an_event_or_a_request_in_one_way():
+    """Only that of robots which settle stands before that of the others."""
     for a, b in itertools.combinations(TRANSITIONS, 2):
-        if a.event is b.event and a.sources & b.sources:
+        if a.event is b.event and a.sources & b.sources and a.target is not Mode.SETTLE:
             assert a.event is Event.REQUEST and not set(a.requests) & set(b.requests)
 
 
@@ -98,15 +109,23 @@ def test_flight_becomes_standing_only_when_the_legs_have_the_weight():
     assert machine.raise_event(Event.DONE) is not None and machine.mode is Mode.STAND
 
 
-def test_every_active_mode_can_be_stopped():
-    for mode in ACTIVE:
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_every_active_mode_can_be_stopped(robot):
+    """No condition may stand in the way; a robot that settles first is stopped by that."""
+    modes, deaf = modes_of(load_robot(robot)), lambda condition: False
+    settles = ON_LEGS if Mode.SETTLE in modes else set()
+    for mode in ACTIVE.intersection(modes):
         for request, target in (("damping", Mode.DAMPING), ("emergency_stop", Mode.EMERGENCY_STOP)):
-            machine = in_mode(mode, lambda condition: False)  # no condition may stand in the way
+            machine = in_mode(mode, deaf, modes)
             row, _ = machine.request(request)
-            assert row is not None and machine.mode is target
-        machine = in_mode(mode, lambda condition: False)
-        assert machine.raise_event(Event.FAULT) is not None
-        assert machine.mode is (mode if mode in IN_THE_AIR else Mode.DAMPING)
+            assert row is not None and machine.mode is (Mode.SETTLE if mode in settles else target)
+        machine = in_mode(mode, deaf, modes)
+        stays = mode in IN_THE_AIR or mode is Mode.SETTLE
+        assert (machine.raise_event(Event.FAULT) is None) == (mode is Mode.SETTLE)
+        assert machine.mode is (mode if stays else Mode.SETTLE if mode in settles else Mode.DAMPING)
+    if settles:
+        machine = in_mode(Mode.SETTLE, deaf, modes)
+        assert machine.raise_event(Event.DONE) is not None and machine.mode is Mode.DAMPING
 
 
 # ----------------------------------------------------------------- the machine

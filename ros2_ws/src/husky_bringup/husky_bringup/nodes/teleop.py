@@ -216,7 +216,7 @@ class Teleop(OneClock, Node):
             return
         state = self._state
         what = "no controller" if state is None else f"{state.mode} ({state.gait})"
-        if state is not None and state.mode in ("damping", "emergency_stop"):
+        if state is not None and state.mode in ("settle", "damping", "emergency_stop"):
             what = f"{state.mode}: {state.reason}"
         line = (
             f"{what}  "

@@ -26,7 +26,7 @@ from husky_control.flight.thrust_vectoring import TILT_LIMIT
 from husky_control.gait.stance import Load, distribute_weight
 from husky_control.kinematics import LEGS, Kinematics
 from husky_control.modes.balance_steps import BalanceStep, BalanceSteps, legs_of
-from husky_control.modes.behaviour import Behaviour, Event, Happening
+from husky_control.modes.behaviour import STOPS, Behaviour, Event, Happening
 from husky_control.modes.context import ModeContext
 from husky_control.posture import PostureMove
 from husky_control.rotation import tilt_of, wrap_angle, yaw_of
@@ -88,7 +88,7 @@ class Balance(Behaviour):
         self._at, self._goal, self._waited, self._ticks = 0, 0, 0.0, 0
         self._yaw = 0.0
         self._legs: tuple[int, ...] = (0,)
-        self._dropping, self._ended = False, "back on four feet"
+        self._dropping, self._ended, self._stop = False, "back on four feet", ""
         for each in (self.thrust, self._least, self._tilt):
             each.fill(0.0)
         self._share.fill(1.0)
@@ -121,10 +121,18 @@ class Balance(Behaviour):
         c.walking.clock.swing_progress.fill(-1.0)
         if event is Event.DONE:
             c.stand_on(self._move.joint_position)
-        return ""
+        return self._stop if event is Event.DONE else ""
 
     def answer(self, request: str) -> tuple[bool, str] | None:
-        """Go back, when asked to stand; go on again, when asked for the mode itself."""
+        """Go back, when asked to stand; go on again, when asked for the mode itself.
+
+        A stop finds all legs on the ground.
+        """
+        if request in STOPS and self._lifted:
+            self._stop = request
+            if not self._dropping:
+                self._put_down()
+            return True, f"it puts its legs down; {request} when it stands"
         if request not in ("stand", "balance"):
             return None
         if self._dropping:

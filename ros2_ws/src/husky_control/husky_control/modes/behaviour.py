@@ -21,6 +21,8 @@ Mask = NDArray[np.bool_]
 Velocity = tuple[float, float, float]
 """Forward and to the left [m/s], yaw rate [rad/s]."""
 
+STOPS = frozenset({"damping", "emergency_stop"})
+"""Requests to let go of the joints; some modes bring the body down first."""
 REST_SPEED = 0.08
 """Below it a standing body is at rest [m/s]."""
 REST_RATE = 0.3

@@ -36,6 +36,7 @@ class ModeContext:
         counters: of what has happened.
         command: of the last tick; its arrays are reused.
         reason: of the present mode, or what has changed the robot's mind within it, in words.
+        request: name of the mode that an operator has been granted last.
         gait: name of the gait that is walked or will be.
         watch: the velocity command over time.
         body: the body, measured and estimated.
@@ -57,6 +58,7 @@ class ModeContext:
         self.counters = Counters()
         self.command = JointCommand()
         self.reason = "started"
+        self.request = ""
         self.gait = "trot"
         self.watch = CommandWatch()
         self.body = SensedBody(robot, parameters)

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 from husky_control.flight.hover import AIRBORNE, HoverPhase
 from husky_control.modes.arms_in_flight import ArmsInFlight
-from husky_control.modes.behaviour import Event, Happening, Velocity, out_of_range
+from husky_control.modes.behaviour import STOPS, Event, Happening, Velocity, out_of_range
 from husky_control.modes.context import ModeContext
 from husky_control.modes.fly import Fly
 from husky_control.tick_data import TICK, JointCommand
@@ -18,8 +18,6 @@ from husky_description.arrays import Array
 
 OWN_GAINS = ("position_gain", "velocity_gain", "trim_gain", "trim_limit")
 """Of `HoverGains`, which are live parameters here."""
-STOPS = frozenset({"damping", "emergency_stop"})
-"""Requests that wait for the landing."""
 LEFT_ALONE = 20.0
 """Time after which a flight controller that says nothing any more counts as landed [s]."""
 

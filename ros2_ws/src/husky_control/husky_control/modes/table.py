@@ -16,6 +16,7 @@ from husky_control.modes.let_go import Damping, EmergencyStop, Passive
 from husky_control.modes.morph import Perch, Splay
 from husky_control.modes.position_trot import PositionTrot
 from husky_control.modes.quadrotor import Quadrotor
+from husky_control.modes.settle import Settle
 from husky_control.modes.stand import Stand
 from husky_control.modes.stand_up_and_sit import Sit, StandUp
 from husky_control.modes.wair import Wair
@@ -74,6 +75,8 @@ class Mode(Enum):
         "steps in place under its hips, in the base's frame, for a robot in ropes (T40)")
     SIT            = ("sit", Sit,
         "lowers the body between the feet, gathers the legs, holds the sitting posture")
+    SETTLE         = ("settle", Settle,
+        "lowers the body onto its perch as fast as the joints can; then it lets go")
     DAMPING        = ("damping", Damping,
         "joints are held at zero velocity: the robot sinks")
     EMERGENCY_STOP = ("emergency_stop", EmergencyStop,
@@ -85,6 +88,10 @@ ACTIVE = frozenset(mode for mode in Mode if mode.behaviour.active)
 """Modes in which the drives follow positions, and in which safety can trip."""
 IN_THE_AIR = frozenset({Mode.QUADROTOR})
 """Modes in which letting go of the joints would be a fall: a fault lands the robot."""
+ON_LEGS = frozenset(
+    {Mode.STAND_UP, Mode.STAND, Mode.WALK, Mode.POSITION_TROT, Mode.BALANCE, Mode.PERCH, Mode.SIT}
+)
+"""Modes in which a robot that can settles before it lets go."""
 
 
 @dataclass(frozen=True)
@@ -102,7 +109,15 @@ class Transition:
 FOR_FANS = frozenset({Mode.WAIR, Mode.FLY})
 """Modes of a robot that carries the propulsion unit."""
 FOR_PROPELLERS = frozenset(
-    {Mode.PERCH, Mode.SPLAY, Mode.QUADROTOR, Mode.POSITION_TROT, Mode.BALANCE, Mode.LEAP}
+    {
+        Mode.PERCH,
+        Mode.SPLAY,
+        Mode.QUADROTOR,
+        Mode.POSITION_TROT,
+        Mode.BALANCE,
+        Mode.LEAP,
+        Mode.SETTLE,
+    }
 )
 """Modes of a robot whose legs carry propellers, on servos that hold angles."""
 
@@ -201,7 +216,11 @@ TRANSITIONS: tuple[Transition, ...] = (
     _row(Mode.SIT,            Event.REQUEST, Mode.PASSIVE,  ("passive",)),
     _row(Mode.DAMPING,        Event.REQUEST, Mode.PASSIVE,  ("passive",)),
     _row(Mode.EMERGENCY_STOP, Event.REQUEST, Mode.PASSIVE,  ("passive",)),
-    _row(ACTIVE - IN_THE_AIR, Event.FAULT,   Mode.DAMPING,  label="a safety check trips"),
+    _row(ON_LEGS,             Event.FAULT,   Mode.SETTLE,   label="a safety check trips"),
+    _row(ON_LEGS,             Event.REQUEST, Mode.SETTLE,   ("damping", "emergency_stop")),
+    _row(Mode.SETTLE,         Event.DONE,    Mode.DAMPING,  label="body down"),
+    _row(ACTIVE - IN_THE_AIR - {Mode.SETTLE}, Event.FAULT, Mode.DAMPING,
+         label="a safety check trips"),
     _row(ACTIVE | {Mode.PASSIVE}, Event.REQUEST, Mode.DAMPING, ("damping",)),
     _row(frozenset(Mode) - {Mode.EMERGENCY_STOP}, Event.REQUEST, Mode.EMERGENCY_STOP,
          ("emergency_stop",)),
@@ -229,11 +248,12 @@ class ModeMachine:
         Args:
             holds: tells whether a condition, by its name, holds now.
             modes: that there are.
-            transitions: between them.
+            transitions: between them; of several that answer, the first counts.
         """
         self.mode = Mode.PASSIVE
-        self.requests = tuple(mode.value for mode in modes)
-        self._transitions = tuple(transitions)
+        own = tuple(modes)
+        self.requests = tuple(mode.value for mode in own)
+        self._transitions = tuple(row for row in transitions if row.target in own)
         self._holds = holds
 
     def request(self, name: str) -> tuple[Transition | None, str]:
@@ -252,7 +272,7 @@ class ModeMachine:
                     if not self._holds(condition):
                         return None, f"{name} refused: {CONDITIONS[condition]}"
                 self.mode = row.target
-                return row, f"{row.target.value}"
+                return row, row.target.value
         allowed = ", ".join(self.allowed_requests()) or "nothing"
         return None, f"{name} cannot follow {self.mode.value}; it allows {allowed}"
 

@@ -107,7 +107,7 @@ class ControllerReport:
         level, message = diagnostics.OK, controller.mode.value
         if peer.presence is Presence.LOST:
             level, message = diagnostics.ERROR, f"{peer.name} is lost"
-        elif controller.mode in (Mode.DAMPING, Mode.EMERGENCY_STOP):
+        elif controller.mode in (Mode.SETTLE, Mode.DAMPING, Mode.EMERGENCY_STOP):
             level, message = diagnostics.WARN, f"{message}: {controller.reason}"
         return (
             level,

@@ -43,6 +43,7 @@ _BANDS = {
     "leap": "#dcecf8",
     "fly": "#d3f0ee",
     "quadrotor": "#d3f0ee",
+    "settle": "#ffeedd",
     "damping": "#ffe0cc",
     "emergency_stop": "#ffd6d6",
 }

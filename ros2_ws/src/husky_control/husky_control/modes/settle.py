@@ -1,0 +1,98 @@
+"""Mode `settle`: a robot that is to let go lowers its body onto the perch first.
+
+Legs on servos let go one way alone: they hold or they drop. Damped, the body sinks for seconds over
+what feet just stand, and falls aside over two; without torque it drops by the length of its legs.
+So all feet go under their hips and the body down as fast as the joints can, and what was asked for,
+or is due, follows on the perch. It needs no measurement.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from husky_control.kinematics import JOINTS
+from husky_control.modes.behaviour import STOPS, Behaviour, Event, Happening
+from husky_control.modes.context import ModeContext
+from husky_control.tick_data import CYCLIC_POSITION, TICK, JointCommand
+from husky_description.arrays import Array
+from husky_description.gravity import GRAVITY
+
+SLOWER = 1.4
+"""Least time of the way down, over that of a free fall."""
+LIFTED = 0.08
+"""How far the feet are lifted off the ground in the end, so that the perch alone carries [m]."""
+
+
+class Settle(Behaviour):
+    """Lowers the body at once; then lets go."""
+
+    velocity_counts = False
+
+    def __init__(self, name: str, context: ModeContext) -> None:
+        """Nothing is wanted yet."""
+        super().__init__(name, context)
+        self._stop = ""  # what is asked for once it is down
+        self._goals = np.zeros((0, JOINTS))  # to come, each straight ahead from the one before
+        self._step = np.zeros(JOINTS)  # of a tick, on the way to the next
+        self._least = 0.0  # time for each, but for the last [s]
+        self._ticks = 0  # left, on the way to the next
+
+    def enter(self, event: Event) -> None:
+        """Go down from where the joints are; legs that do not stand stay where they are."""
+        c = self.context
+        c.assist.withhold()
+        self._stop = c.request if event is Event.REQUEST else ""
+        self._goals, self._ticks = self._goals[:0], 0
+        height = c.postures.perch_height(c.command.position)
+        if height > 0.0:
+            stand = c.stand_posture()
+            ways = self._way_down(c.postures.low(stand)), c.postures.low(stand, LIFTED)
+            self._goals = np.vstack(ways)
+            self._least = SLOWER * math.sqrt(2.0 * height / GRAVITY) / len(ways[0])
+            self._begin()
+
+    def _way_down(self, low: Array) -> Array:
+        """Return postures (n, 12) rad on the way to the low one; evenly, where legs can."""
+        c = self.context
+        try:
+            return c.postures.straight(c.command.position, low)[1:]
+        except ValueError:
+            return low[None]
+
+    def _begin(self) -> None:
+        """Set out for the next goal."""
+        way, self._goals = self._goals[0] - self.context.command.position, self._goals[1:]
+        needed = float(np.abs(way).max()) / self.context.robot.joint_speed
+        self._ticks = math.ceil(max(self._least if len(self._goals) else 0.0, needed) / TICK)
+        self._step[:] = way / self._ticks
+
+    def leave(self, event: Event) -> str:
+        """Tell what is to follow."""
+        return self._stop if event is Event.DONE else ""
+
+    def answer(self, request: str) -> tuple[bool, str] | None:
+        """Remember the stop that is asked for last."""
+        if request not in STOPS:
+            return None
+        self._stop = request
+        return True, f"settling; {request} when the body is down"
+
+    def estimate(self) -> None:
+        """Stay: nobody needs to know, and the feet may tell nothing."""
+        self.context.body.stay()
+
+    def tick(self, command: JointCommand) -> Happening | None:
+        """Go on down."""
+        command.mode_of_operation = CYCLIC_POSITION
+        command.effort.fill(0.0)
+        if self._ticks == 0:
+            if not len(self._goals):
+                command.velocity.fill(0.0)
+                return (Event.DONE, self.context.reason)
+            self._begin()
+        self._ticks -= 1
+        command.position += self._step
+        command.velocity[:] = self._step / TICK
+        return None
