@@ -190,15 +190,19 @@ def test_while_the_controller_lands_the_other_servos_follow(enabled):
     enabled.wait(lambda: not enabled.motors.records["torque_on"].any(), "torque off")
 
 
-def test_an_emergency_stop_freezes_the_arms_of_a_robot_that_lands(enabled):
+def test_after_an_emergency_stop_servos_settle_and_then_stay_where_they_are(enabled):
     enabled.lands = True
     assert enabled.trigger(graph.DRIVES_EMERGENCY_STOP)
     enabled.wait(lambda: enabled.status.emergency_stop, "the emergency stop")
-    enabled.target = ROBOT.stand_joint_position + 0.1
-    after = enabled.time_ns + 1_000_000_000
-    enabled.wait(lambda: enabled.time_ns > after, "a second later")
+    low = enabled.target = ROBOT.stand_joint_position + 0.1
+    after = enabled.time_ns + 1_200_000_000
+    enabled.wait(lambda: enabled.time_ns > after, "more than a second later")
+    assert np.abs(enabled.position - low).max() < 0.02
+    enabled.target = low + 0.1
+    after = enabled.time_ns + 500_000_000
+    enabled.wait(lambda: enabled.time_ns > after, "half a second more")
     assert enabled.motors.records["torque_on"].all(), enabled.status.reason
-    assert np.abs(enabled.position - ROBOT.stand_joint_position).max() < 0.02
+    assert np.abs(enabled.position - low).max() < 0.02
     enabled.lands = False
     enabled.wait(lambda: not enabled.motors.records["torque_on"].any(), "torque off")
 
@@ -230,11 +234,16 @@ def test_an_answer_within_the_patience_is_not_missed(enabled):
     assert enabled.status.operational and enabled.status.short_cycles == before
 
 
-def test_without_commands_servos_lose_torque(enabled):
+def test_without_commands_servos_hold_still(enabled):
+    """What nobody commands any more may be in the air."""
     enabled.target = None
     enabled.wait(lambda: not enabled.status.operational, "the end of operation")
     assert "no joint command" in enabled.status.reason
-    enabled.wait(lambda: not enabled.motors.records["torque_on"].any(), "torque off")
+    start, after = enabled.position.copy(), enabled.time_ns + 1_000_000_000
+    enabled.wait(lambda: enabled.time_ns > after, "a second later")
+    assert enabled.motors.records["torque_on"].all()
+    assert np.abs(enabled.position - start).max() < 0.02
+    enabled.trigger(graph.DRIVES_DISABLE)  # the next test need not wait
 
 
 def test_a_bad_command_is_refused_whole(enabled):
@@ -243,6 +252,7 @@ def test_a_bad_command_is_refused_whole(enabled):
     enabled.wait(lambda: enabled.status.refused_commands > before, "a refusal")
     enabled.target = np.array(ROBOT.stand_joint_position)
     assert np.abs(enabled.position - enabled.target).max() < 0.2
+    enabled.trigger(graph.DRIVES_DISABLE)  # they may hold still by now
 
 
 def test_emergency_stop_holds_until_it_is_reset(enabled):

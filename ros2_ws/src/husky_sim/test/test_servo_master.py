@@ -96,12 +96,30 @@ def test_a_lost_servo_is_held_by_the_others_then_all_lose_torque(enabled):
     assert JOINT in master.enable()
 
 
-def test_silence_stops_all_servos_well_within_100_ms(enabled):
+def test_silence_of_a_controller_that_damps_stops_all_servos_well_within_100_ms(enabled):
+    assert enabled.master.set_command(9, STAND, ZERO, ZERO) == ""
     ticks = enabled.until(Phase.OFF, 100, command=False)
     enabled.tick(4, command=False)
     assert not enabled.motors.records["torque_on"].any()
     assert (ticks + 4) * graph.TICK_PERIOD <= 0.08
     assert enabled.master.reason == "no joint command"
+
+
+def test_silence_of_one_that_may_fly_holds_the_arms_then_gives_way(enabled):
+    """Nobody else's commands end the hold: a new controller knows nothing of a flight."""
+    master, settings, records = enabled.master, enabled.master.settings, enabled.motors.records
+    enabled.until(Phase.DAMPING, 20, command=False)
+    assert master.reason == "no joint command"
+    goal = records["goal"].copy()
+    enabled.tick(2 * settings.hold_ticks)  # it damps
+    assert master.phase is Phase.DAMPING and records["torque_on"].all()
+    np.testing.assert_array_equal(records["goal"], goal)
+    whole = settings.landing_ticks + settings.yield_ticks
+    held = enabled.until(Phase.QUICK_STOP, whole)
+    assert held + 2 * settings.hold_ticks == pytest.approx(whole, abs=1)
+    enabled.until(Phase.OFF, 100)
+    enabled.tick(4)
+    assert not records["torque_on"].any() and "not off" not in master.enable()
 
 
 def test_emergency_stop_is_latched_until_a_reset(enabled):

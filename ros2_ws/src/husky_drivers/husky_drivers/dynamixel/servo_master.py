@@ -40,6 +40,7 @@ class ServoMaster(CommandedMaster):
     """
 
     devices, stopping = "servos", "hold"
+    unheard = "hold still, if they have followed positions, else stop"
     settings: ServoSettings
     _phases: ServoPhases
 
@@ -112,13 +113,22 @@ class ServoMaster(CommandedMaster):
     # -- requests
 
     def emergency_stop(self, reason: str = "emergency stop") -> None:
-        """Hold still, remove torque, and refuse to enable until `reset_faults`."""
+        """Let the controller settle, hold still, remove torque; refuse to enable until a reset."""
         self.emergency_stopped = True
         if self.phase in (Phase.ENABLED, Phase.DAMPING):
             self._phases.enter(Phase.DAMPING, reason)
         else:
             self.disable(reason)
         self._phases.reason = reason
+
+    def _miss_commands(self, reason: str) -> None:
+        """Hold still what may be in the air, where positions were asked for; else stop."""
+        if self._phases.abandoned:
+            return
+        if self._mode is _CSP and self.phase in (Phase.ENABLED, Phase.DAMPING):
+            self._phases.abandon(reason)
+        else:
+            super()._miss_commands(reason)
 
     def restart(self, reason: str) -> None:
         """Time starts again: as for every master; what was asked for is not awaited any more."""
@@ -210,9 +220,14 @@ class ServoMaster(CommandedMaster):
         Without a position that is wanted, p* is the joint as it is measured.
         """
         settings, position = self.settings, self.readings.position
-        lands = self.phase is Phase.DAMPING and self._mode is _CSP
-        if self.phase is not Phase.ENABLED and (not lands or self.emergency_stopped):
-            if self._phases.cycles == 0 or self.phase is Phase.ENABLING:
+        phases = self._phases
+        if phases.yields:
+            self._target += self._share * (position - self._target)
+            return
+        meant = self._mode is _CSP or self.phase is Phase.ENABLED
+        if not (meant and phases.follows(stopped=self.emergency_stopped)):
+            begins = phases.cycles == 0 and not phases.abandoned
+            if begins or self.phase is Phase.ENABLING:
                 np.copyto(self._target, position)  # held from then on
             return
         command, velocity, effort = self._command

@@ -21,6 +21,8 @@ class ServoSettings(JointSettings):
         miss_limit: cycles in a row that a servo may miss.
         hold_ticks: how long the others hold the robot's fall when a servo is lost.
         landing_ticks: how long they go on at most for a controller that asks for positions.
+        settle_ticks: how long they follow it after an emergency stop; after that they hold still.
+        yield_ticks: how long they give way, damped, after all of `landing_ticks`.
         stop_ticks: how long servos hold still before torque goes.
         confirm_ticks: how long a stage of enabling, or a reset, may take.
         low_voltage: supply below which enabling is refused [V].
@@ -32,19 +34,21 @@ class ServoSettings(JointSettings):
     miss_limit: int = 3
     hold_ticks: int = 150
     landing_ticks: int = 5000
+    settle_ticks: int = 500
+    yield_ticks: int = 1500
     stop_ticks: int = 30
     confirm_ticks: int = 500
     low_voltage: float = 11.0
 
     def longest_hold(self, stopped: bool, positions: bool) -> int:
-        """Return for how many ticks servos hold before they stop.
+        """Return for how many ticks servos hold, and give way, before they stop.
 
         Args:
             stopped: by an emergency stop, not because one is lost.
             positions: are what the controller asks for.
         """
         if positions:
-            return self.landing_ticks
+            return self.landing_ticks + self.yield_ticks
         return 0 if stopped else self.hold_ticks
 
     @property

@@ -32,6 +32,7 @@ class Master(CommandedMaster):
     """
 
     devices, stopping = "drives", "brake"
+    unheard = "stop; with the stopping it stays below 0.1 s"
     settings: AxisSettings
     _phases: DrivePhases
 

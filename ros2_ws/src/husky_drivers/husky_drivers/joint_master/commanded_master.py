@@ -49,6 +49,7 @@ class CommandedMaster(ABC):
     Attributes:
         devices: what stands at the joints, in words.
         stopping: what they do before they lose torque, in words.
+        unheard: what they do when no command has come for too long, in words.
         settings: numbers of the joints.
         emergency_stopped: latched by `emergency_stop`.
         working_counter: of the last exchange, `expected_working_counter` when all took part.
@@ -58,6 +59,7 @@ class CommandedMaster(ABC):
 
     devices: ClassVar[str]
     stopping: ClassVar[str]
+    unheard: ClassVar[str]
 
     def __init__(self, settings: JointSettings, phases: PhaseMachine, joints: MeasuredJoints):
         """Take a wire that is not open yet.
@@ -210,10 +212,14 @@ class CommandedMaster(ABC):
         self._handover = True
 
     def _age_command(self) -> None:
-        """Stop when no command has come for too long; call once a tick."""
+        """Act when no command has come for too long; call once a tick."""
         if self._silence >= self.settings.command_timeout_ticks:
-            self.disable("no joint command")
+            self._miss_commands("no joint command")
         self._silence += 1
+
+    def _miss_commands(self, reason: str) -> None:
+        """Stop: nobody says any more what the joints are to do."""
+        self.disable(reason)
 
     def _hand_over(self, change: Array, period: float) -> Array:
         """Bound the change of targets while they close on the command.

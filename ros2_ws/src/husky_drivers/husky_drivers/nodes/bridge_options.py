@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from rclpy.node import Node
 
 from husky_description.robot import Robot
+from husky_drivers.joint_master.commanded_master import CommandedMaster
 from husky_runtime.nodes.parameters import declare, declare_robot
 
 
@@ -19,7 +20,7 @@ class BridgeOptions:
         pace: "lockstep", "realtime" or "hardware".
         grace: wall time that a silent controller is waited for [s].
         autostart: configure and activate at start.
-        command_timeout: time without a joint command until all joints stop [s].
+        command_timeout: time without a joint command until the joints are on their own [s].
     """
 
     robot: Robot
@@ -34,13 +35,13 @@ class BridgeOptions:
         return self.pace == "lockstep"
 
 
-def declare_bridge(node: Node, actuation: str, devices: str) -> BridgeOptions:
+def declare_bridge(node: Node, actuation: str, master: type[CommandedMaster]) -> BridgeOptions:
     """Declare the parameters; return them.
 
     Args:
         node: the bridge.
         actuation: of the robots that it can have.
-        devices: what stands at the joints, in words.
+        master: of what stands at the joints.
 
     Raises:
         ValueError: a value that is not allowed.
@@ -53,9 +54,6 @@ def declare_bridge(node: Node, actuation: str, devices: str) -> BridgeOptions:
         node, "grace", 1.0, "wall time a silent controller is waited for [s]", 0.2, 60.0
     )
     autostart = declare(node, "autostart", True, "configure and activate at start")
-    what = (
-        f"all {devices} stop when no joint command has come for so long; with the stopping it "
-        "stays below 0.1 s [s]"
-    )
+    what = f"time without a joint command after which all {master.devices} {master.unheard} [s]"
     timeout = declare(node, "command_timeout", 0.01, what, 0.004, 0.03)
     return BridgeOptions(robot, pace, grace, autostart, timeout)

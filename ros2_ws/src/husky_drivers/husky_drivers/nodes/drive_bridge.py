@@ -33,7 +33,7 @@ class DriveBridge(JointBridge[Master]):
 
     def __init__(self) -> None:
         """Declare parameters, bring the bus up, serve."""
-        super().__init__(graph.DRIVE_BRIDGE, DRIVES, Master.devices)
+        super().__init__(graph.DRIVE_BRIDGE, DRIVES, Master)
         name = declare(self, "bus", "sim", "name of the EtherCAT bus", allowed=available_buses())
         settings = self._declare_axes()
         bus = find_bus(name)(self.options.robot)

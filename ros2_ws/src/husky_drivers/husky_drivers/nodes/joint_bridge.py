@@ -51,10 +51,10 @@ class JointBridge(OneClock, LifecycleNode, ABC, Generic[MasterT]):
         options: parameters that both bridges have.
     """
 
-    def __init__(self, name: str, actuation: str, devices: str) -> None:
+    def __init__(self, name: str, actuation: str, master: type[CommandedMaster]) -> None:
         """Make the node; arguments as of `declare_bridge`."""
         super().__init__(name)
-        self.options = declare_bridge(self, actuation, devices)
+        self.options = declare_bridge(self, actuation, master)
         self.lockstep = self.options.lockstep
         self.imu_stamp_ns = 0
         controller = make_peer(self, graph.LOW_LEVEL_CONTROLLER, self.options.grace)

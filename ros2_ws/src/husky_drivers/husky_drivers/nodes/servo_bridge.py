@@ -36,7 +36,7 @@ class ServoBridge(JointBridge[ServoMaster]):
 
     def __init__(self) -> None:
         """Declare parameters, prepare the line, serve."""
-        super().__init__(graph.SERVO_BRIDGE, BUS_SERVOS, ServoMaster.devices)
+        super().__init__(graph.SERVO_BRIDGE, BUS_SERVOS, ServoMaster)
         options, servo = self.options, self.options.robot.bus_servo
         default = default_serial_port(self, "servos")
         path = declare(self, "port", default, "serial port of the servo bus")
