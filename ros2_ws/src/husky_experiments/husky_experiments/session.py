@@ -123,6 +123,7 @@ class Session(HeardGraph):
         specs = simulated_robot(clock, chosen, str(output / "bag") if record else None, remote)
         self.trajectory_sha256 = ""
         self._on_advance = on_advance
+        self._appointment: tuple[float, Callable[[], None]] | None = None
         self._velocity = (0.0, 0.0, 0.0)
         self._send_velocity = False
         self._lockstep, self._remote = clock == "lockstep", remote
@@ -177,7 +178,7 @@ class Session(HeardGraph):
         while ticks > 0:
             if until is not None and until():
                 return True
-            chunk = min(ticks, _CHUNK_TICKS)
+            chunk = min(ticks, _CHUNK_TICKS, self._keep_appointment())
             if self._send_velocity:
                 self._publish_velocity()
             response = self.call(graph.PLANT_STEP, StepWorld.Request(ticks=chunk))
@@ -191,6 +192,25 @@ class Session(HeardGraph):
             if self._on_advance is not None:
                 self._on_advance(self.time)
         return until is None or until()
+
+    def at(self, time: float, act: Callable[[], None]) -> None:
+        """Have something done once, by whatever `advance` gets to a time [s] first (lockstep).
+
+        What it raises ends the passage that is under way.
+        """
+        self._appointment = (time, act)
+
+    def _keep_appointment(self) -> int:
+        """Do what is due; return the ticks until then, when it is not [1 or more]."""
+        if self._appointment is None:
+            return _CHUNK_TICKS
+        time, act = self._appointment
+        ticks = round((time - self.time) / graph.TICK_PERIOD)
+        if ticks > 0:
+            return ticks
+        self._appointment = None
+        act()
+        return _CHUNK_TICKS
 
     def _wait(self, duration: float, until: Callable[[], bool] | None) -> bool:
         """Realtime: watch simulated time go by.
@@ -268,6 +288,10 @@ class Session(HeardGraph):
             if self.time > end or not (answer.success or "enabling" in answer.message):
                 raise SessionError(f"the drives are not enabled: {answer.message}")
         self.advance(0.02)  # the controller must have seen it too
+
+    def stop_drives(self) -> None:
+        """Press the emergency stop of the drives."""
+        self._expect(graph.DRIVES_EMERGENCY_STOP, Trigger.Request())
 
     def set_mode(
         self, mode: str, reached: str | None = None, within: float = 0.0, patience: float = 0.0

@@ -1,114 +1,208 @@
-"""Something of Husky-beta fails in the air, at a random moment: it comes down safe every time."""
+"""Something fails on Husky-beta, at a random moment of its whole way: it ends safe every time."""
 
 from __future__ import annotations
 
 import argparse
+import math
 from collections.abc import Callable
+from typing import NoReturn
 
 import numpy as np
 
 from husky_bringup.system import ParameterValue
 from husky_description.robot import LEG_NAMES, load_robot
-from husky_experiments.metrics.air_faults import SINK_BOUND, TILT_BOUND, ComingDown, coming_down
-from husky_experiments.morph_scripts import become_perched, become_splayed, take_off
+from husky_experiments.gap_course import FLYING, TROTTING, go_to, place
+from husky_experiments.metrics.endings import SINK_BOUND, Ending, ending
+from husky_experiments.morph_scripts import (
+    become_legged,
+    become_perched,
+    become_splayed,
+    land,
+    take_off,
+)
 from husky_experiments.run import Run
-from husky_experiments.scripts import stand_up
+from husky_experiments.scripts import stand_up, stop_walking
 from husky_experiments.session import Session
 from husky_msgs.srv import SetMode
 from husky_runtime import graph
 
-_FIRST, _LAST = 4.0, 12.0
-"""Between these times after the take-off something fails [s]."""
-_PATIENCE = 15.0
-"""Within which the flight must have ended [s]."""
-_AFTER = 2.0
-"""Time for what follows the landing [s]."""
-_FASTEST = 0.4
-"""Of the way that is flown meanwhile, ahead and to the side [m/s]."""
+_TROT, _FLIGHT = 0.9, 1.6
+"""Ways to trot, each time, and to fly [m]."""
+_WITHIN = 20.0
+"""Longest time that each way may take [s]."""
+_WHOLE = 41.0
+"""Within this time from the first step on something fails [s]; the way takes as long."""
+_HELD = 3.0
+"""Time for which an operator who has seen nothing goes on steering [s]."""
+_REST = 30.0
+"""Within which it must have come to rest, then, its propellers off [s]."""
+_AFTER = 1.0
+"""Time of rest that is recorded [s]."""
+_ALONE = 14.0
+"""Time after which servos without a controller have held, given way and let go [s]."""
 _EMPTY = 0.05
 """Charge of a battery that is critical."""
 
-Fail = Callable[[Session, int], None]
+Random = np.random.Generator
+Fail = Callable[[Session, Random], str]
+"""Makes something fail; returns what."""
+
+_NODES = (
+    graph.LOW_LEVEL_CONTROLLER,
+    graph.SERVO_BRIDGE,
+    graph.PIXHAWK_BRIDGE,
+    graph.VN200_DRIVER,
+    graph.T265_DRIVER,
+)
+"""On the robot's computer, and needed on the way."""
+_MODES = ("damping", "emergency_stop")
 
 
-def _lose_rotor(session: Session, leg: int) -> None:
-    session.inject(graph.PLANT_INJECT_FAULT, f"{LEG_NAMES[leg]}_fan", "fail")
+def _servo(fault: str) -> Fail:
+    def fail(session: Session, random: Random) -> str:
+        names = load_robot("beta").joint_names
+        joint = str(names[random.integers(len(names))])
+        session.inject(graph.PLANT_INJECT_FAULT, f"servo:{joint}", fault)
+        return joint
+
+    return fail
 
 
-def _lose_servo(session: Session, leg: int) -> None:
-    target = f"servo:{LEG_NAMES[leg]}_hip_frontal"
-    session.inject(graph.PLANT_INJECT_FAULT, target, "overload")
+def _lose_rotor(session: Session, random: Random) -> str:
+    rotor = f"{LEG_NAMES[random.integers(len(LEG_NAMES))]}_fan"
+    session.inject(graph.PLANT_INJECT_FAULT, rotor, "fail")
+    return rotor
 
 
-def _empty_battery(session: Session, leg: int) -> None:
+def _lose_camera(session: Session, random: Random) -> str:
+    fault = str(random.choice(("freeze", "lost")))
+    session.inject(graph.PLANT_INJECT_FAULT, "t265", fault)
+    return fault
+
+
+def _empty_battery(session: Session, random: Random) -> str:
     session.inject(graph.PLANT_INJECT_FAULT, "battery", str(_EMPTY))
+    return f"{100 * _EMPTY:g} %"
 
 
-def _lose_companion(session: Session, leg: int) -> None:
-    session.kill(graph.PIXHAWK_BRIDGE)
+def _kill_node(session: Session, random: Random) -> str:
+    node = str(random.choice(_NODES))
+    session.kill(node)
+    return node
 
 
-def _stop(session: Session, leg: int) -> None:
-    session.call(graph.SET_MODE, SetMode.Request(mode="emergency_stop"))
+def _abort(session: Session, random: Random) -> str:
+    what = str(random.choice((*_MODES, graph.DRIVES_EMERGENCY_STOP)))
+    if what in _MODES:
+        session.call(graph.SET_MODE, SetMode.Request(mode=what))
+    else:
+        session.stop_drives()
+    return what
 
 
 FAULTS: dict[str, Fail] = {
+    "servo_silent": _servo("unplug"),
+    "servo_hot": _servo("overheat"),
+    "servo_overloaded": _servo("overload"),
     "rotor": _lose_rotor,
-    "servo": _lose_servo,
+    "t265": _lose_camera,
     "battery": _empty_battery,
-    "companion": _lose_companion,
-    "emergency_stop": _stop,
+    "node": _kill_node,
+    "abort": _abort,
 }
 """What fails, by name."""
+
+
+class _FailedError(Exception):
+    """Something has failed on purpose: the passage that was under way is over."""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Declare faults, number of runs and seed."""
     what = "what fails, in turn"
     parser.add_argument("--faults", nargs="+", choices=tuple(FAULTS), default=None, help=what)
-    parser.add_argument("--runs", type=int, default=len(FAULTS), help="flights")
+    parser.add_argument("--runs", type=int, default=20, help="ways, each with one fault")
     parser.add_argument("--seed", type=int, default=1, help="of the first; each has the next")
 
 
 def run(run: Run) -> None:
-    """No flight ends unsafe: on its perch, propellers off, sink rate and tilt within bounds."""
+    """No way ends unsafe: at rest, upright, propellers off, nothing met hard or by a blade."""
     options = run.options
     kinds = options.faults or list(FAULTS)
     ends = []
     for number in range(options.runs):
         kind = kinds[number % len(kinds)]
-        end = _fly(run, f"run_{number}_{kind}", kind, options.seed + number)
-        run.metrics[f"run_{number}_{kind}"] = {**end.as_metrics(), "safe": int(end.safe)}
+        end = _go(run, f"run_{number}_{kind}", kind, options.seed + number)
         ends.append(end)
     run.require("unsafe", sum(not end.safe for end in ends), upper=0)
     run.require("touch_sink_max_m_s", max(end.sink for end in ends), upper=SINK_BOUND)
-    tilts = [float(np.degrees(end.rest_tilt)) for end in ends]
-    run.require("rest_tilt_max_deg", max(tilts), upper=float(np.degrees(TILT_BOUND)))
 
 
-def _fly(run: Run, label: str, kind: str, seed: int) -> ComingDown:
-    """Fly until something fails at a random time and on a random leg; return the end."""
+def _go(run: Run, label: str, kind: str, seed: int) -> Ending:
+    """Go until something fails at a random time; return the end."""
     random = np.random.default_rng(seed)
-    leg = int(random.integers(4))
-    vx, vy = (float(v) for v in random.uniform(-_FASTEST, _FASTEST, 2))
-    wait = float(random.uniform(_FIRST, _LAST))
+    wait = float(random.uniform(0.0, _WHOLE))
     settings: dict[str, dict[str, ParameterValue]] = {
-        "plant": {"robot": "beta", "body": "robot_with_unit", "seed": seed},
-        "flight_controller": {"seed": seed},
+        graph.PLANT: {"robot": "beta", "body": "robot_with_unit", "seed": seed},
+        graph.FLIGHT_CONTROLLER: {"seed": seed},
     }
-    run.say(f"{label}: {LEG_NAMES[leg]}, {wait:.2f} s after the take-off")
+    told: dict[str, object] = {}
     with run.session(settings, label=label, expected=50.0) as session:
+
+        def fail() -> NoReturn:
+            told["at_s"] = session.time
+            told["mode"] = session.state.mode if session.state is not None else ""
+            told["what"] = FAULTS[kind](session, random)
+            raise _FailedError
+
         stand_up(session)
-        session.advance(1.0)
-        become_perched(session)
-        become_splayed(session)
-        take_off(session)
-        session.advance(min(wait, _FIRST))
-        session.set_velocity(vx, vy, 0.0)
-        session.advance(wait - min(wait, _FIRST))
-        fault = session.time
-        FAULTS[kind](session, leg)
-        session.advance(_PATIENCE, lambda: session.state.mode != "quadrotor")  # type: ignore[union-attr]
+        session.at(session.time + wait, fail)
+        try:
+            _whole_way(session)
+            session.advance(_WHOLE)
+        except _FailedError:
+            run.say(f"{label}: {told['what']} at {told['at_s']:.2f} s, in {told['mode']}")
+        session.advance(_HELD)
         session.release_velocity()
-        session.advance(_AFTER)
-    return coming_down(run.recording(label), load_robot("beta"), fault)
+        session.advance(_REST, lambda: _at_rest(session))
+        session.advance(_ALONE if kind == "node" else _AFTER)
+    fault = float(str(told["at_s"]))
+    end = ending(run.recording(label), load_robot("beta"), fault)
+    run.metrics[label] = {**told, **end.as_metrics()}
+    return end
+
+
+def _whole_way(session: Session) -> None:
+    """Trot, fly, land, trot on."""
+    _trot(session)
+    session.advance(1.0)
+    become_perched(session)
+    become_splayed(session)
+    take_off(session)
+    session.advance(4.0)
+    x, y = place(session)
+    go_to(session, (x + _FLIGHT, y), FLYING, _WITHIN)
+    session.advance(1.0)
+    session.release_velocity()
+    land(session)
+    become_legged(session)
+    session.advance(1.0)
+    _trot(session)
+
+
+def _trot(session: Session) -> None:
+    x, y = place(session)
+    session.set_gait("trot")
+    session.set_mode("walk")
+    go_to(session, (x + _TROT, y), TROTTING, _WITHIN)
+    stop_walking(session)
+
+
+def _at_rest(session: Session) -> bool:
+    """Whether body and propellers do nothing any more, in truth."""
+    if session.truth is None or session.fans is None:
+        return False
+    twist = session.truth.twist.twist
+    linear, turning = twist.linear, twist.angular
+    parts = linear.x, linear.y, linear.z, turning.x, turning.y, turning.z
+    return math.hypot(*parts) < 0.01 and max(session.fans.speed) < 1.0
