@@ -68,6 +68,17 @@ class ServoRobot:
         """Simulated time [s]."""
         return float(self.data.time)
 
+    @property
+    def tilt(self) -> float:
+        """Angle of the body's z axis from up [deg]."""
+        _, x, y, _ = self.data.qpos[3:7]
+        return math.degrees(2.0 * math.asin(min(1.0, math.hypot(x, y))))
+
+    @property
+    def above_perch(self) -> float:
+        """Height of the middle of the perch's underside over z = 0 [m]."""
+        return float(self.data.site("perch").xpos[2])
+
     def _read(self) -> None:
         """Take what the servos tell: counts, speed units, torque from the current."""
         m, count = self.measurements, 2.0 * math.pi / self.robot.bus_servo.resolution

@@ -1,7 +1,5 @@
 """Husky-beta in one process: legs that stand become arms, one, two, four (dynamic morphing)."""
 
-import math
-
 import numpy as np
 import pytest
 from flying_beta import FlyingBeta
@@ -15,11 +13,6 @@ class Balancer(FlyingBeta):
     """Notes what its propellers gave and how far it tilted."""
 
     greatest_tilt = 0.0
-
-    @property
-    def tilt(self):
-        _, x, y, _ = self.data.qpos[3:7]
-        return math.degrees(2.0 * math.asin(min(1.0, math.hypot(x, y))))
 
     @property
     def feet_above_ground(self):

@@ -14,6 +14,7 @@ from husky_bringup.system import ParameterValue
 from husky_control.rotation import wrap_angle
 from husky_description.arrays import Array
 from husky_experiments.recordings.tables import to_rpy
+from husky_experiments.scripts import stop_walking
 from husky_experiments.session import Session, SessionError
 from husky_sim.gap import Gap
 
@@ -109,6 +110,14 @@ def go_to(session: Session, goal: tuple[float, float], pace: Steering, within: f
             raise SessionError(f"it is not at its goal within {within:g} s: {way:.2f} m to go")
         session.set_velocity(*_velocity(session, ahead, left, pace))
         session.advance(_LOOK)
+
+
+def trot_to(session: Session, goal: tuple[float, float], within: float) -> None:
+    """Trot from standing to a goal, as `go_to`, and stand."""
+    session.set_gait("trot")
+    session.set_mode("walk")
+    go_to(session, goal, TROTTING, within)
+    stop_walking(session)
 
 
 def _velocity(

@@ -23,6 +23,10 @@ class Loop(Line):
     """A master, and a controller that commands the joints to be where they are.
 
     When they are not enabled any more it damps, as it does on the ground.
+
+    Attributes:
+        lands: it goes on with positions instead.
+        target: joint positions that it commands [rad] (12,).
     """
 
     def __init__(self, directory):
@@ -31,13 +35,14 @@ class Loop(Line):
         self.master = ServoMaster(ServoChain(self.port), servo_settings(ROBOT, SERVO, 0.01))
         self.port.close()
         self.master.connect()
-        self.ticks = 0
+        self.ticks, self.lands, self.target = 0, False, STAND
 
     def tick(self, ticks=1, command=True):
         for _ in range(ticks):
             if command:
                 damps = self.master.phase in (Phase.DAMPING, Phase.QUICK_STOP)
-                assert self.master.set_command(9 if damps else 8, STAND, ZERO, ZERO) == ""
+                mode = 9 if damps and not self.lands else 8
+                assert self.master.set_command(mode, self.target, ZERO, ZERO) == ""
             cycle = self.ticks % self.master.settings.ticks_per_cycle == 0
             self.ticks += 1
             self.master.measure(cycle)
@@ -120,6 +125,22 @@ def test_silence_of_one_that_may_fly_holds_the_arms_then_gives_way(enabled):
     enabled.until(Phase.OFF, 100)
     enabled.tick(4)
     assert not records["torque_on"].any() and "not off" not in master.enable()
+
+
+def test_an_emergency_stop_pressed_again_and_again_still_ends(enabled):
+    """While it lands: 1 s of following, counted from the first."""
+    master, settings = enabled.master, enabled.master.settings
+    enabled.lands = True
+    master.emergency_stop()
+    enabled.tick(settings.settle_ticks)
+    goal = enabled.motors.records["goal"].copy()
+    enabled.target = STAND + 0.1
+    for _ in range(3):
+        master.emergency_stop()
+        enabled.tick(50)
+        np.testing.assert_array_equal(enabled.motors.records["goal"], goal)
+    enabled.lands = False
+    enabled.until(Phase.OFF, 100)
 
 
 def test_emergency_stop_is_latched_until_a_reset(enabled):

@@ -95,8 +95,11 @@ class Balance(Behaviour):
 
     # Entry, leave -------------------------------------------------------------------------------
     def enter(self, event: Event) -> None:
-        """Plan the steps from where the robot stands."""
+        """Plan the steps from where the robot stands; with a fault, end on four feet."""
         c, p = self.context, self.context.parameters
+        if event is Event.FAULT:
+            self._put_down(returns=False)
+            return
         self._begin()
         self._legs = legs_of(p["balance.legs"])
         self._yaw = yaw_of(c.body.rotation)
@@ -114,8 +117,10 @@ class Balance(Behaviour):
         self._move.joint_position[:] = start
 
     def leave(self, event: Event) -> str:
-        """Propellers off; stand, if all feet are down."""
+        """Propellers off; stand, if all feet are down, and then stop, if that is wanted."""
         c = self.context
+        if event is Event.FAULT:
+            return ""
         c.assist.reset()
         c.walking.clock.swinging.fill(False)
         c.walking.clock.swing_progress.fill(-1.0)
@@ -126,12 +131,11 @@ class Balance(Behaviour):
     def answer(self, request: str) -> tuple[bool, str] | None:
         """Go back, when asked to stand; go on again, when asked for the mode itself.
 
-        A stop finds all legs on the ground.
+        A stop waits for legs that are not on the ground.
         """
         if request in STOPS and self._lifted:
             self._stop = request
-            if not self._dropping:
-                self._put_down()
+            self._put_down(returns=False)
             return True, f"it puts its legs down; {request} when it stands"
         if request not in ("stand", "balance"):
             return None
@@ -178,16 +182,21 @@ class Balance(Behaviour):
         )
         if works and not self._dropping and (not self.fans_available or m.fans_lost >= 0):
             self.context.reason = "the propellers are lost: it puts its legs down"
-            self._put_down()
+            self._put_down(returns=True)
         return None
 
-    def _put_down(self) -> None:
-        self._dropping, self._goal = True, 0
-        now, shifted = self.context.command.position.copy(), self._steps[1].posture
-        self._move.start(
-            [np.stack((now, shifted)), np.stack((shifted, self._steps[0].posture))],
-            [PUT_DOWN_TIME, self._steps[1].time],
-        )
+    def _put_down(self, *, returns: bool) -> None:
+        """Put legs that are not on the ground down at once; lean back too, if it returns."""
+        if not self._dropping:
+            self._goal, ways, times = 0, [], []
+            if self._lifted:
+                now, shifted = self.context.command.position.copy(), self._steps[1].posture
+                ways, times = [np.stack((now, shifted))], [PUT_DOWN_TIME]
+                if returns:
+                    ways.append(np.stack((shifted, self._steps[0].posture)))
+                    times.append(self._steps[1].time)
+            self._dropping = True
+            self._move.start(ways, times)
 
     def tick(self, command: JointCommand) -> Happening | None:
         """Go on along the steps, hold the balance."""

@@ -34,24 +34,23 @@ class Settle(Behaviour):
         """Nothing is wanted yet."""
         super().__init__(name, context)
         self._stop = ""  # what is asked for once it is down
-        self._goals = np.zeros((0, JOINTS))  # to come, each straight ahead from the one before
-        self._step = np.zeros(JOINTS)  # of a tick, on the way to the next
-        self._least = 0.0  # time for each, but for the last [s]
-        self._ticks = 0  # left, on the way to the next
+        self._ways: list[tuple[Array, float]] = []  # to come: goal (12,) rad, least time [s]
+        self._step = np.zeros(JOINTS)  # of a tick, on the way to a goal [rad]
+        self._ticks = 0  # left of that way
 
     def enter(self, event: Event) -> None:
         """Go down from where the joints are; legs that do not stand stay where they are."""
         c = self.context
         c.assist.withhold()
         self._stop = c.request if event is Event.REQUEST else ""
-        self._goals, self._ticks = self._goals[:0], 0
+        self._ways, self._ticks = [], 0
         height = c.postures.perch_height(c.command.position)
         if height > 0.0:
             stand = c.stand_posture()
-            ways = self._way_down(c.postures.low(stand)), c.postures.low(stand, LIFTED)
-            self._goals = np.vstack(ways)
-            self._least = SLOWER * math.sqrt(2.0 * height / GRAVITY) / len(ways[0])
-            self._begin()
+            down = self._way_down(c.postures.low(stand))
+            least = SLOWER * math.sqrt(2.0 * height / GRAVITY) / len(down)
+            self._ways = [(goal, least) for goal in down]
+            self._ways.append((c.postures.low(stand, LIFTED), 0.0))
 
     def _way_down(self, low: Array) -> Array:
         """Return postures (n, 12) rad on the way to the low one; evenly, where legs can."""
@@ -60,13 +59,6 @@ class Settle(Behaviour):
             return c.postures.straight(c.command.position, low)[1:]
         except ValueError:
             return low[None]
-
-    def _begin(self) -> None:
-        """Set out for the next goal."""
-        way, self._goals = self._goals[0] - self.context.command.position, self._goals[1:]
-        needed = float(np.abs(way).max()) / self.context.robot.joint_speed
-        self._ticks = math.ceil(max(self._least if len(self._goals) else 0.0, needed) / TICK)
-        self._step[:] = way / self._ticks
 
     def leave(self, event: Event) -> str:
         """Tell what is to follow."""
@@ -88,10 +80,14 @@ class Settle(Behaviour):
         command.mode_of_operation = CYCLIC_POSITION
         command.effort.fill(0.0)
         if self._ticks == 0:
-            if not len(self._goals):
+            if not self._ways:
                 command.velocity.fill(0.0)
                 return (Event.DONE, self.context.reason)
-            self._begin()
+            goal, least = self._ways.pop(0)
+            way = goal - command.position
+            needed = float(np.abs(way).max()) / self.context.robot.joint_speed
+            self._ticks = math.ceil(max(least, needed) / TICK)
+            self._step[:] = way / self._ticks
         self._ticks -= 1
         command.position += self._step
         command.velocity[:] = self._step / TICK

@@ -216,6 +216,8 @@ TRANSITIONS: tuple[Transition, ...] = (
     _row(Mode.SIT,            Event.REQUEST, Mode.PASSIVE,  ("passive",)),
     _row(Mode.DAMPING,        Event.REQUEST, Mode.PASSIVE,  ("passive",)),
     _row(Mode.EMERGENCY_STOP, Event.REQUEST, Mode.PASSIVE,  ("passive",)),
+    _row(Mode.BALANCE,        Event.FAULT,   Mode.BALANCE,  conditions=("drives_operational",),
+         label="a safety check trips, it puts its legs down"),
     _row(ON_LEGS,             Event.FAULT,   Mode.SETTLE,   label="a safety check trips"),
     _row(ON_LEGS,             Event.REQUEST, Mode.SETTLE,   ("damping", "emergency_stop")),
     _row(Mode.SETTLE,         Event.DONE,    Mode.DAMPING,  label="body down"),
@@ -277,13 +279,12 @@ class ModeMachine:
         return None, f"{name} cannot follow {self.mode.value}; it allows {allowed}"
 
     def raise_event(self, event: Event) -> Transition | None:
-        """Take the transition of an event from within, if there is one and its conditions hold."""
+        """Take the first transition of an event from within whose conditions hold, if any does."""
         for row in self._transitions:
-            if row.event is event and self.mode in row.sources:
-                if all(self._holds(condition) for condition in row.conditions):
-                    self.mode = row.target
-                    return row
-                return None
+            meant = row.event is event and self.mode in row.sources
+            if meant and all(self._holds(condition) for condition in row.conditions):
+                self.mode = row.target
+                return row
         return None
 
     def allowed_requests(self) -> list[str]:

@@ -113,7 +113,12 @@ class ServoMaster(CommandedMaster):
     # -- requests
 
     def emergency_stop(self, reason: str = "emergency stop") -> None:
-        """Let the controller settle, hold still, remove torque; refuse to enable until a reset."""
+        """Let the controller settle, hold still, remove torque; refuse to enable until a reset.
+
+        Pressed again it begins nothing anew.
+        """
+        if self.emergency_stopped:
+            return
         self.emergency_stopped = True
         if self.phase in (Phase.ENABLED, Phase.DAMPING):
             self._phases.enter(Phase.DAMPING, reason)

@@ -10,7 +10,7 @@ import numpy as np
 from husky_description.robot import Robot, load_robot
 from husky_experiments.figures.cycle import cycle_figure
 from husky_experiments.figures.perch import perch_figure
-from husky_experiments.gap_course import FLYING, TROTTING, GapCourse, go_to, place
+from husky_experiments.gap_course import FLYING, TROTTING, GapCourse, go_to, place, trot_to
 from husky_experiments.metrics import cycle
 from husky_experiments.metrics.morph import MorphTimes, as_metrics, morph_times, perch_stability
 from husky_experiments.metrics.walking import lowest_upright
@@ -22,7 +22,7 @@ from husky_experiments.morph_scripts import (
     take_off,
 )
 from husky_experiments.run import Run
-from husky_experiments.scripts import stand_up, stop_walking
+from husky_experiments.scripts import stand_up
 from husky_experiments.session import Session, SessionError
 from husky_runtime import graph
 
@@ -80,10 +80,7 @@ def run(run: Run) -> None:
 def _trot(session: Session) -> None:
     """Trot ahead, and stand."""
     x, _ = place(session)
-    session.set_gait("trot")
-    session.set_mode("walk")
-    go_to(session, (x + _TROT, 0.0), TROTTING, _TROT / TROTTING.speed + _WITHIN)
-    stop_walking(session)
+    trot_to(session, (x + _TROT, 0.0), _TROT / TROTTING.speed + _WITHIN)
 
 
 def _fly(session: Session, course: GapCourse) -> None:
