@@ -107,3 +107,27 @@ def test_four_legs_become_arms_in_a_leap(standing):
     assert min(lowest) > 0.04 and robot.greatest_tilt < 12.0
     assert lowest[-1] > 0.2
     assert robot.controller.counters.faults == 0
+
+
+def test_on_ground_that_gives_way_it_stays_level_and_feels_where_it_steps():
+    """The feet sink by some 20 mm, and unevenly, while one leg is an arm."""
+    robot, leg = Balancer(2, contact="thesis_model"), 1
+    robot.stand()
+    robot.gear.arm()
+    robot.run(0.5)
+    robot.controller.parameters.set("balance.legs", float(leg))
+    assert robot.controller.request_mode("balance")[0]
+    robot.until(lambda: robot.controller.present.settled, 9.0)
+    robot.until(lambda: robot.time > 12.0, 9.0)
+    standing = np.delete(robot.feet_above_ground, leg)
+    assert standing.max() < -0.008 and np.ptp(standing) > 0.005
+    assert robot.greatest_tilt < 1.5 and robot.outside(leg) < 0.02
+    assert robot.controller.request_mode("stand")[0]
+    robot.until(robot.standing_again, 9.0)
+    robot.run(0.5)
+    assert robot.controller.reason == "back on four feet"
+    assert robot.greatest_tilt < 2.0
+    assert robot.feet_above_ground.max() < 0.001
+    assert robot.controller.request_mode("walk")[0]
+    robot.run(3.0, (0.2, 0.0, 0.0))
+    assert robot.data.qvel[0] > 0.1 and robot.tilt < 3.0

@@ -171,7 +171,7 @@ def test_a_lost_rotor_is_found_and_the_other_three_bring_it_down(hovering, leg):
     assert [index for index, ok in enumerate(logic.fans_ok) if not ok] == [leg]
     assert logic.failsafe.value == "fans lost"
     tilt, sink, spin, last = come_down(robot)
-    assert tilt < 20.0 and last < 4.0
+    assert tilt < 8.0 and last < 4.0
     assert sink < 0.75 and spin < 0.5
     assert robot.controller.mode.value == "splay" and not logic.armed
     robot.run(1.0)

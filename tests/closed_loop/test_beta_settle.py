@@ -106,17 +106,38 @@ def test_on_its_way_to_the_perch_it_goes_no_further_up(standing, wait):
         assert np.abs(robot.data.qpos[9::3] - knees).max() < 0.1
 
 
-@pytest.mark.parametrize("why", ["damping requested", "an IMU that is silent"])
-def test_with_one_leg_an_arm_it_puts_it_down_first(standing, why):
-    robot = standing
+@pytest.fixture(scope="module")
+def balancing():
+    """Stands on three legs, the front left one is an arm."""
+    robot = Settler(1)
+    robot.stand()
     robot.gear.arm()
     robot.run(0.3)
     assert robot.controller.request_mode("balance")[0]
     robot.run(9.0)
     assert robot.controller.present.settled
+    return robot
+
+
+@pytest.mark.parametrize("joint", range(12))
+def test_with_one_leg_an_arm_any_servo_may_let_go(balancing, joint):
+    """Legs and body go down at once; without that it fell, up to onto its back."""
+    robot = balancing
+    robot.lose_servo(robot.robot.joint_names[joint])
+    tilt, sink = robot.come_down()
+    assert robot.controller.mode.value == "damping"
+    assert tilt < 18.0 and sink < 1.3
+    assert robot.tilt < 4.0 and robot.above_perch < 0.01
+    assert robot.propellers.unit.thrust.max() < 0.1
+
+
+@pytest.mark.parametrize("why", ["damping requested", "an IMU that is silent"])
+def test_with_one_leg_an_arm_it_is_put_down_level(balancing, why):
+    robot = balancing
     if why == "damping requested":
         accepted, message = robot.controller.request_mode("damping")
-        assert accepted and message == "it puts its legs down; damping when it stands"
+        assert accepted and message == "it puts its legs and its body down; damping follows"
+        assert robot.controller.request_mode("stand") == (False, "it puts its legs down")
     else:
         robot.late = 0.3
     tilt, sink = robot.come_down(4.0)

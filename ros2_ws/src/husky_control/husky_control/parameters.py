@@ -106,6 +106,7 @@ _WITH_PROPELLERS: dict[str, Parameter] = {
     "balance.idle_thrust": _P(2.3, 0.7, 5.0, "N", "Least thrust of a propeller that helps to balance"),
     "balance.stiffness": _P(30.0, 15.0, 45.0, "N m/rad", "Moment about the edge asked of the propellers by tilt, beside what statics ask for"),
     "balance.damping": _P(10.0, 8.0, 20.0, "N m s/rad", "The same by the rate of tilting"),
+    "balance.levelling": _P(1.0, 0.0, 1.5, "1/s", "Rate at which legs that stand turn the body back to level, by its tilt"),
     "balance.thrust_vectoring": _P(1.0, 0.0, 1.0, "-", "Share of what such arms do to hold the heading, by tilting the propellers (T21)"),
     "balance.yaw_stiffness": _P(2.2, 0.0, 9.0, "N m/rad", "Yaw moment asked of tilted propellers by heading error"),
     "balance.yaw_damping": _P(0.3, 0.0, 1.8, "N m s/rad", "The same by yaw rate"),

@@ -122,3 +122,27 @@ def test_steps_hold_the_centre_of_mass_where_they_say(choice):
     assert lifts[0] == 0 and max(lifts) == len(legs)
     *_, last = situation(steps[-1].posture, legs[0])
     assert last.inside == pytest.approx(0.0 if len(legs) == 2 else -0.01, abs=2e-3)
+
+
+@pytest.mark.parametrize(("choice", "last"), [(1, 1), (4, 5)])
+def test_a_foot_that_touches_early_keeps_its_place_in_all_steps_before(choice, last):
+    planner, leg = BalanceSteps(ROBOT, MorphPostures(ROBOT)), legs_of(choice)[-1]
+    steps = planner.plan(np.array(ROBOT.stand_joint_position), legs_of(choice), 0.04, 0.01)
+    steps = steps[: last + 1]
+    higher = np.array((0.004, -0.002, 0.02))
+    feet = KINEMATICS.foot_positions(steps[-1].posture)
+    feet[leg] += higher
+    own, touched = slice(3 * leg, 3 * leg + 3), steps[-1].posture.copy()
+    touched[own] = KINEMATICS.joint_positions(feet)[own]
+    changed = planner.standing_earlier(steps, leg, touched, 0.03)
+    np.testing.assert_allclose(changed[-1].posture, touched, atol=1e-9)
+    for step, before in zip(changed, steps, strict=True):
+        way = KINEMATICS.foot_positions(step.posture) - KINEMATICS.foot_positions(before.posture)
+        np.testing.assert_allclose(way[leg], higher, atol=1e-9)
+        np.testing.assert_array_equal(np.delete(way, leg, axis=0), 0.0)
+        assert step._replace(posture=before.posture) == before
+    assert planner.standing_earlier(steps, leg, touched, 0.015) == []
+    far = [*steps[:-1], steps[-1]._replace(posture=touched)]
+    far[0] = steps[0]._replace(posture=np.zeros(12))  # straight legs: no foot may go lower
+    touched = steps[-1].posture
+    assert planner.standing_earlier(far, leg, touched, 0.03) == []

@@ -28,6 +28,7 @@ from husky_control.kinematics import LEGS, Kinematics
 from husky_control.modes.balance_steps import BalanceStep, BalanceSteps, legs_of
 from husky_control.modes.behaviour import STOPS, Behaviour, Event, Happening
 from husky_control.modes.context import ModeContext
+from husky_control.modes.levelling import Levelling, tilt_off
 from husky_control.posture import PostureMove
 from husky_control.rotation import tilt_of, wrap_angle, yaw_of
 from husky_control.slew import slewed
@@ -53,6 +54,10 @@ TILT_SHARE = 0.1
 """Of what the joints can do at most, for a hip that tilts its propeller."""
 LOWEST = 0.006
 """Least margin that the feet alone must have before the first leg is lifted [m]."""
+NEAR = 0.10
+"""Way of a foot to where its ground is expected, from which on it is felt for [m]."""
+SETTLING = 0.2
+"""In which the others end a step whose foot was felt early [s]."""
 
 
 class Balance(Behaviour):
@@ -80,7 +85,8 @@ class Balance(Behaviour):
         self._move = PostureMove()
         self._steps: list[BalanceStep] = []
         self.thrust, self._least, self._tilt = np.zeros((3, LEGS))
-        self._share, self._effort = np.ones(LEGS), np.zeros(12)
+        self._share, self._near, self._effort = np.ones(LEGS), np.ones(LEGS), np.zeros(12)
+        self._levelling = Levelling()
         self.pressure, self.inside = math.nan, 0.0
         self._begin()
 
@@ -88,17 +94,22 @@ class Balance(Behaviour):
         self._at, self._goal, self._waited, self._ticks = 0, 0, 0.0, 0
         self._yaw = 0.0
         self._legs: tuple[int, ...] = (0,)
-        self._dropping, self._ended, self._stop = False, "back on four feet", ""
+        self._dropping = self._sinking = False
+        self._ended, self._stop = "back on four feet", ""
         for each in (self.thrust, self._least, self._tilt):
             each.fill(0.0)
+        self._levelling.reset()
+        self._landing = -1
         self._share.fill(1.0)
+        self._near.fill(1.0)
 
     # Entry, leave -------------------------------------------------------------------------------
     def enter(self, event: Event) -> None:
-        """Plan the steps from where the robot stands; with a fault, end on four feet."""
+        """Plan the steps from where the robot stands; with a fault, lie down."""
         c, p = self.context, self.context.parameters
         if event is Event.FAULT:
-            self._put_down(returns=False)
+            self._stop = self._stop or "damping"
+            self._lie_down()
             return
         self._begin()
         self._legs = legs_of(p["balance.legs"])
@@ -117,7 +128,7 @@ class Balance(Behaviour):
         self._move.joint_position[:] = start
 
     def leave(self, event: Event) -> str:
-        """Propellers off; stand, if all feet are down, and then stop, if that is wanted."""
+        """Propellers off; stand or lie as the legs are now, and stop, if that is wanted or due."""
         c = self.context
         if event is Event.FAULT:
             return ""
@@ -125,7 +136,7 @@ class Balance(Behaviour):
         c.walking.clock.swinging.fill(False)
         c.walking.clock.swing_progress.fill(-1.0)
         if event is Event.DONE:
-            c.stand_on(self._move.joint_position)
+            c.stand_on(self._move.joint_position + self._stretch)
         return self._stop if event is Event.DONE else ""
 
     def answer(self, request: str) -> tuple[bool, str] | None:
@@ -135,12 +146,12 @@ class Balance(Behaviour):
         """
         if request in STOPS and self._lifted:
             self._stop = request
-            self._put_down(returns=False)
-            return True, f"it puts its legs down; {request} when it stands"
+            self._lie_down()
+            return True, f"it puts its legs and its body down; {request} follows"
         if request not in ("stand", "balance"):
             return None
         if self._dropping:
-            return (request == "stand"), "it puts its legs down"
+            return (request == "stand" and not self._sinking), "it puts its legs down"
         self._goal = 0 if request == "stand" else len(self._steps) - 1
         return True, "going back to stand" if request == "stand" else "going on"
 
@@ -150,12 +161,12 @@ class Balance(Behaviour):
 
     # Estimate -----------------------------------------------------------------------------------
     def estimate(self) -> None:
-        """Estimate by the feet that stand."""
-        clock = self.context.walking.clock
+        """Estimate by the feet that stand; one that was not felt yet needs the load of a step."""
+        clock, felt = self.context.walking.clock, self.context.body.contacts.contact
         lifted = self._lifted
         for leg in range(LEGS):
             clock.swinging[leg] = leg in lifted
-            clock.swing_progress[leg] = 0.6 if leg in lifted else -1.0
+            clock.swing_progress[leg] = 0.6 if leg in lifted or not felt[leg] else -1.0
         super().estimate()
 
     @property
@@ -163,7 +174,13 @@ class Balance(Behaviour):
         """Legs in the air, or on their way up or down."""
         last = self._steps[self._at]
         heading = self._steps[self._toward]
-        return set(last.lifted) | set(heading.lifted)
+        landing = {self._landing} if self._landing >= 0 else set()
+        return set(last.lifted) | set(heading.lifted) | landing
+
+    @property
+    def _stretch(self) -> Array:
+        """What levels the body, in the joints of legs that stand or come down (12,) [rad]."""
+        return np.repeat(self._near, 3) * self._levelling.joints
 
     @property
     def _toward(self) -> int:
@@ -182,25 +199,34 @@ class Balance(Behaviour):
         )
         if works and not self._dropping and (not self.fans_available or m.fans_lost >= 0):
             self.context.reason = "the propellers are lost: it puts its legs down"
-            self._put_down(returns=True)
+            self._put_down()
         return None
 
-    def _put_down(self, *, returns: bool) -> None:
-        """Put legs that are not on the ground down at once; lean back too, if it returns."""
-        if not self._dropping:
-            self._goal, ways, times = 0, [], []
-            if self._lifted:
-                now, shifted = self.context.command.position.copy(), self._steps[1].posture
-                ways, times = [np.stack((now, shifted))], [PUT_DOWN_TIME]
-                if returns:
-                    ways.append(np.stack((shifted, self._steps[0].posture)))
-                    times.append(self._steps[1].time)
-            self._dropping = True
-            self._move.start(ways, times)
+    def _put_down(self) -> None:
+        """Put legs that are not on the ground down at once, then lean back."""
+        if self._dropping:
+            return
+        self._goal, self._dropping, ways, times = 0, True, [], []
+        if self._lifted:
+            now, shifted = self.context.command.position - self._stretch, self._steps[1].posture
+            ways = [np.stack((now, shifted)), np.stack((shifted, self._steps[0].posture))]
+            times = [PUT_DOWN_TIME, self._steps[1].time]
+        self._move.start(ways, times)
+
+    def _lie_down(self) -> None:
+        """Put all legs down at once and the body onto its perch, for it is to let go."""
+        if self._sinking:
+            return
+        c = self.context
+        self._goal, self._dropping, self._sinking = 0, True, True
+        now, low = c.command.position - self._stretch, c.postures.low(c.stand_posture())
+        self._move.start([np.stack((now, low))], [PUT_DOWN_TIME])
 
     def tick(self, command: JointCommand) -> Happening | None:
         """Go on along the steps, hold the balance."""
         c, move = self.context, self._move
+        if self._landing >= 0:
+            self._feel_for_ground()
         if move.done:
             ended = self._next()
             if ended is not None:
@@ -212,7 +238,7 @@ class Balance(Behaviour):
         force, moment = self._rotors.wrench(self.thrust)
         c.assist.ask(force, moment)
         command.mode_of_operation = CYCLIC_POSITION
-        command.position[:] = move.joint_position
+        command.position[:] = move.joint_position + self._stretch
         command.position[0::3] += self._tilt
         command.velocity[:] = move.joint_velocity
         command.effort[:] = self._effort
@@ -238,7 +264,20 @@ class Balance(Behaviour):
         further = self._steps[max(self._at, self._at + step)]
         self._move.start([way], [further.time])
         self._at += step
+        self._landing = further.clears if step < 0 else -1
         return None
+
+    def _feel_for_ground(self) -> None:
+        """End the way of a leg that comes down where its foot is felt: others may have sunk."""
+        leg, touched = self._landing, self._move.joint_position.copy()
+        if self._move.done:
+            self._landing = -1
+        elif self.context.body.contacts.contact[leg]:
+            ends = self._planner.standing_earlier(self._steps[: self._at + 1], leg, touched, NEAR)
+            if ends:
+                self._steps[: self._at + 1] = ends
+                self._move.start([np.stack((touched, ends[-1].posture))], [SETTLING])
+                self._landing = -1
 
     def _guard(self, place: int) -> str:
         """Return why a step cannot begin yet, "" if it can."""
@@ -280,8 +319,14 @@ class Balance(Behaviour):
         self._vector(geometry.position[:, 0], working, dt)
         lifted = set() if self._dropping else set(step.lifted)
         for leg in range(LEGS):
-            goal, most = (0.0 if leg in lifted else 1.0), dt / 0.25
-            self._share[leg] = slewed(self._share[leg], goal, most)
+            comes_down = leg not in lifted
+            stands = comes_down and (leg != self._landing or self._dropping)
+            self._share[leg] = slewed(self._share[leg], float(stands), dt / 0.25)
+            self._near[leg] = slewed(self._near[leg], float(comes_down), dt / 0.25)
+        if not self._dropping:
+            tilted = tilt_off(r, None if self._share.sum() > 2.5 else edge.axis)
+            by = p["balance.levelling"] * dt * tilted
+            self._levelling.turn(by, feet, jacobian, self._share)
         self._carry(feet, jacobian, center, geometry.position, geometry.axis)
 
     def _push(self, edge: Edge, step: BalanceStep, r: Array, working: tuple[int, ...]) -> None:

@@ -113,6 +113,36 @@ class BalanceSteps:
         ]
         return self._in_time(steps)
 
+    def standing_earlier(
+        self, steps: list[BalanceStep], leg: int, touched: Array, near: float
+    ) -> list[BalanceStep]:
+        """Return steps with a foot where it has touched the ground above where it was expected.
+
+        Args:
+            steps: all in which the leg stands, the last of them the one that is gone to.
+            leg: whose foot touched.
+            touched: joints (12,) at that moment [rad].
+            near: farthest that the foot may be from its place in the last step [m].
+
+        Returns:
+            The same with this leg's joints changed; none of them if the foot is farther away, or
+            out of reach there.
+        """
+        k, own = self._kinematics, slice(3 * leg, 3 * leg + 3)
+        higher = k.foot_positions(touched)[leg] - k.foot_positions(steps[-1].posture)[leg]
+        if np.linalg.norm(higher) > near:
+            return []
+        changed = []
+        for step in steps:
+            feet, posture = k.foot_positions(step.posture), step.posture.copy()
+            feet[leg] += higher
+            try:
+                posture[own] = k.joint_positions(feet)[own]
+            except ValueError:
+                return []
+            changed.append(step._replace(posture=posture))
+        return changed
+
     def _in_time(self, steps: list[BalanceStep]) -> list[BalanceStep]:
         """Give the steps' ways as much time as the joint with the longest one takes."""
         timed = steps[:1]
