@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from husky_experiments.scripts import ready_fans
 from husky_experiments.session import Session, SessionError
+from husky_runtime import graph
 
 _AT_REST = 5.0
 """Longest time that the body may sway before it crouches [s]."""
@@ -21,6 +22,10 @@ _LANDING = 20.0
 """Longest time from the hold to the perch [s]."""
 _RAISED = 10.0
 """Time within which the body must be up again [s]."""
+_SWEEP = 0.14
+"""By which the arms near each other in flight, and back, 8 deg each [rad]."""
+_SWEEPING = 4.0
+"""Time for the sweep, and as much for the way back [s]."""
 
 
 def become_perched(session: Session) -> None:
@@ -37,6 +42,15 @@ def take_off(session: Session) -> None:
     """Arm the propellers and take off, as soon as the legs hold them as flight needs them."""
     ready_fans(session)
     session.set_mode("quadrotor", patience=_SPLAYED)
+
+
+def sweep_arms(session: Session) -> tuple[float, float]:
+    """Have the arms near each other in flight, and part again; return from when to when [s]."""
+    start = session.time
+    for sweep in (_SWEEP, 0.0):
+        session.set_parameter(graph.LOW_LEVEL_CONTROLLER, "quadrotor.arm_sweep", sweep)
+        session.advance(_SWEEPING)
+    return start, session.time
 
 
 def land(session: Session) -> None:

@@ -19,6 +19,7 @@ from husky_experiments.metrics.hovering import (
     gust_summary,
     place_above,
     stray_from,
+    sweep_summary,
     turn_of,
 )
 from husky_experiments.recordings.recording import Recording
@@ -137,3 +138,12 @@ def test_the_figures_show_both_turns_and_both_places(
     stray = stray_from(recording.base, np.zeros(3), (1.0, END))
     hold_figure(stray, stray, tmp_path)
     assert [len(axis.lines) for axis in drawn["hover"].axes] == [2, 2, 2, 2]
+
+
+def test_a_sweep_of_the_arms_is_summed_up_by_its_worst_moment() -> None:
+    places = np.array(((0.03, 0.0, 0.0), (0.0, 0.0, -0.04), (0.0, 0.0, 0.0)))
+    tilts = np.array((0.0, 0.02, 0.01))
+    summary = sweep_summary(Stray(np.arange(3.0), places, tilts))
+    assert summary["sweep_position_error_max_m"] == pytest.approx(0.04)
+    assert summary["sweep_position_error_rms_m"] == pytest.approx(0.05 / math.sqrt(3.0))
+    assert summary["sweep_tilt_max_deg"] == pytest.approx(math.degrees(0.02))

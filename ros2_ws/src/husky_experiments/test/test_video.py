@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 from husky_description.mujoco_model import build_spec
 from husky_description.robot import JOINT_NAMES, load_robot
 from husky_experiments.figures import offscreen, video
+from husky_experiments.figures.stroboscope import Moment, stroboscope
 from husky_experiments.recordings.recording import Recording
 from husky_sim.gantry import GantryOptions
 from husky_sim.world import World, WorldOptions
@@ -93,6 +94,29 @@ def test_snapshots(recording: Recording, model: mujoco.MjModel, tmp_path: Path) 
     before = model.vis.quality.offsamples, model.vis.global_.offwidth
     video.snapshots(recording, model, path, [0.1], size=(64, 48))
     assert (model.vis.quality.offsamples, model.vis.global_.offwidth) == before
+
+
+@pytest.mark.usefixtures("can_draw")
+def test_all_moments_are_in_one_picture(
+    recording: Recording, model: mujoco.MjModel, tmp_path: Path
+) -> None:
+    """The robot of each moment is at its own place, and its words are over it."""
+    pictures = []
+    moments = Moment(0.1, "here"), Moment(2.9, "there")
+    for words in (False, True):
+        chosen = [moment if words else Moment(moment.time) for moment in moments]
+        path = stroboscope(recording, model, tmp_path / f"{words}.png", chosen, width=600)
+        assert path is not None
+        with Image.open(path) as image:
+            pictures.append(np.asarray(image, int))
+    robots, written = pictures
+    seen = np.abs(robots - robots[0, 0]).max(axis=2) > 40
+    half = seen.shape[1] // 2
+    assert seen[:, :half].sum() > 200 and seen[:, half:].sum() > 200
+    columns = np.flatnonzero((robots != written).any(axis=(0, 2)))
+    assert columns.min() < half < columns.max()
+    rows = np.flatnonzero((robots != written).any(axis=(1, 2)))
+    assert rows.max() < np.flatnonzero(seen.any(axis=1)).mean()
 
 
 def test_odd_sizes_are_refused(recording: Recording, model: mujoco.MjModel, tmp_path: Path) -> None:

@@ -8,8 +8,10 @@ import math
 import numpy as np
 
 from husky_description.robot import Robot, load_robot
+from husky_experiments.figures import video
 from husky_experiments.figures.cycle import cycle_figure
 from husky_experiments.figures.perch import perch_figure
+from husky_experiments.figures.stroboscope import Moment, stroboscope
 from husky_experiments.gap_course import FLYING, TROTTING, GapCourse, go_to, place, trot_to
 from husky_experiments.metrics import cycle
 from husky_experiments.metrics.morph import MorphTimes, as_metrics, morph_times, perch_stability
@@ -21,7 +23,8 @@ from husky_experiments.morph_scripts import (
     land,
     take_off,
 )
-from husky_experiments.run import Run
+from husky_experiments.recordings.recording import Recording
+from husky_experiments.run import SCENE_FILE, Run
 from husky_experiments.scripts import stand_up
 from husky_experiments.session import Session, SessionError
 from husky_runtime import graph
@@ -38,6 +41,10 @@ _NEAR_TOP = 0.05
 """Below the height of the flight at which it sets out [m]."""
 _WITHIN = 20.0
 """Longest time that each way may take beyond what its speed asks for [s]."""
+_FLIGHT_SHOWN = (0.25, 0.52)
+"""Parts of the way through the air at which the picture of all shows the robot."""
+_RISING, _SINKING = 1.6, 2.5
+"""Times after the lift-off and before the landing at which it does so too [s]."""
 _STANDING = 1.0
 """Time to stand before the crouch and at the end [s]."""
 
@@ -143,6 +150,33 @@ def _judge(run: Run, robot: Robot, course: GapCourse) -> None:
     if not run.options.no_figures:
         perch_figure(stability, times, recording, run.output / "figures")
         cycle_figure(recording, course, list(legs.values()), run.output / "figures")
+    if not run.options.no_video:
+        moments = _moments(recording, times, legs)
+        model = video.load_scene(run.output / SCENE_FILE)
+        stroboscope(recording, model, run.output / "way.png", moments)
+
+
+def _moments(recording: Recording, times: MorphTimes, legs: dict[str, cycle.Leg]) -> list[Moment]:
+    """Return when to show the robot: as it trots, as arms are made and legs again, in flight."""
+    out, on = legs["trot_out"], legs["trot_on"]
+    crossing = recording.base.between(times.lift_off, times.landed)
+    ahead = crossing.position[:, 0]
+    flight = [
+        float(np.interp(ahead[0] + part * np.ptp(ahead), ahead, crossing.time))
+        for part in _FLIGHT_SHOWN
+    ]
+    return [
+        Moment(out.start, "stands"),
+        Moment(out.start + 0.5 * out.duration, "trots"),
+        Moment(times.armed),
+        Moment(times.lift_off + _RISING, "legs are arms"),
+        Moment(flight[0]),
+        Moment(flight[1], "flies over the gap"),
+        Moment(times.landed - _SINKING, "comes down on its perch"),
+        Moment(times.landed),
+        Moment(on.start + 0.5 * on.duration, "trots on"),
+        Moment(on.end, "stands"),
+    ]
 
 
 def _x_at(run: Run, times: MorphTimes) -> float:

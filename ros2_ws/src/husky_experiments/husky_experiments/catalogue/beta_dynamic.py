@@ -9,7 +9,7 @@ from husky_control.modes.balance_steps import legs_of
 from husky_description.robot import LEG_NAMES, load_robot
 from husky_experiments.figures.dynamic_morph import dynamic_morph_figure
 from husky_experiments.metrics.dynamic_morph import balancing
-from husky_experiments.metrics.morph import perch_height
+from husky_experiments.metrics.leap import leap_of
 from husky_experiments.metrics.propulsion import Span
 from husky_experiments.morph_scripts import land
 from husky_experiments.run import Run
@@ -75,9 +75,11 @@ def run(run: Run) -> None:
         run.require(f"{name}_others_thrust_max_n", float(morph.thrust[:, off].max()), upper=0.3)
         run.metrics[f"{name}_thrust_max_n"] = float(morph.thrust.max())
         run.metrics[f"{name}_least_inside_m"] = float(morph.inside.min())
+        run.metrics[f"{name}_arm_rate_degps"] = math.degrees(min(map(morph.rate, legs)))
     if leapt is not None:
-        flight = recording.base.between(*leapt)
-        run.require("leap_perch_lowest_m", float(perch_height(robot, flight).min()), lower=0.02)
+        run.metrics |= leap_of(recording, robot, *leapt).metrics
+        run.require("leap_perch_lowest_m", lower=0.02)
+        run.require("leap_landing_tilt_deg", upper=10.0)
     run.illustrate()
     if not options.no_figures and morphs:
         dynamic_morph_figure(morphs, recording, run.output / "figures")
@@ -97,7 +99,7 @@ def there_and_back(session: Session, choice: int, hold: float) -> Span:
 
 
 def leap(session: Session) -> Span:
-    """Leap, hold, land on the perch; return from when to when the perch must not touch."""
+    """Leap, hold, land on the perch; return when it was asked to leap, and when to land."""
     start = session.time
     session.set_mode("leap", reached="quadrotor", within=_LEAP, patience=_AT_REST)
     session.advance(_HOLD)

@@ -17,10 +17,17 @@ from husky_experiments.metrics.hovering import (
     hold_summary,
     place_above,
     stray_from,
+    sweep_summary,
     turn_of,
 )
 from husky_experiments.metrics.propulsion import Span
-from husky_experiments.morph_scripts import become_perched, become_splayed, land, take_off
+from husky_experiments.morph_scripts import (
+    become_perched,
+    become_splayed,
+    land,
+    sweep_arms,
+    take_off,
+)
 from husky_experiments.recordings.recording import Recording
 from husky_experiments.run import Run
 from husky_experiments.scripts import stand_up
@@ -42,10 +49,6 @@ _GUST = 4.0
 """Length of the gust, which sets in and ends at once [s]."""
 _RECOVERY = 8.0
 """Time after the gust [s]."""
-_SWEEP = 0.14
-"""By which the arms near each other in flight, and back, 8 deg each [rad]."""
-_SWEEPING = 4.0
-"""Time for the sweep, and as much for the way back [s]."""
 _NEAR = 0.05
 """Distance within which the robot is at its place [m]."""
 
@@ -125,11 +128,7 @@ def fly(session: Session, options: argparse.Namespace) -> dict[str, Span]:
         session.set_parameter("plant", "wind", (0.0, 0.0, 0.0))
         passage("recovery", _RECOVERY)
     if options.sensing == "ideal":
-        start = session.time
-        for sweep in (_SWEEP, 0.0):
-            session.set_parameter(_CONTROLLER, "quadrotor.arm_sweep", sweep)
-            session.advance(_SWEEPING)
-        spans["sweep"] = (start, session.time)
+        spans["sweep"] = sweep_arms(session)
     return spans
 
 
@@ -197,7 +196,5 @@ def judge_ideal(
     run.require("ideal_position_error_max_m", run.metrics["true_position_error_max_m"], upper=0.02)
     run.require("true_tilt_max_rad", upper=0.02)
     run.require("heading_drift_rad", upper=0.02)
-    moving = stray_from(base, place, spans["sweep"])
-    run.metrics["sweep_position_error_rms_m"] = float(np.sqrt(np.mean(moving.distance**2)))
-    run.metrics["sweep_tilt_max_deg"] = math.degrees(float(moving.tilt.max()))
-    run.require("sweep_position_error_max_m", float(moving.distance.max()), upper=0.08)
+    run.metrics |= sweep_summary(stray_from(base, place, spans["sweep"]))
+    run.require("sweep_position_error_max_m", upper=0.08)

@@ -5,15 +5,19 @@ from __future__ import annotations
 import argparse
 import math
 
+from husky_control.parameters import table_of
 from husky_description.robot import load_robot
 from husky_experiments.figures.perch import perch_figure
 from husky_experiments.metrics import walking as metrics
+from husky_experiments.metrics.hovering import place_above, stray_from, sweep_summary
 from husky_experiments.metrics.morph import as_metrics, morph_times, perch_stability
+from husky_experiments.metrics.propulsion import Span
 from husky_experiments.morph_scripts import (
     become_legged,
     become_perched,
     become_splayed,
     land,
+    sweep_arms,
     take_off,
 )
 from husky_experiments.run import Run
@@ -26,8 +30,14 @@ _TAKE_OFF = 5.0
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Declare seed and time of the hold."""
+    """Declare seed, time of the hold and sensing."""
     parser.add_argument("--seed", type=int, default=1, help="of all sensor noise")
+    parser.add_argument(
+        "--sensing",
+        choices=("noisy", "ideal"),
+        default="noisy",
+        help="ideal: IMU, camera and autopilot err in nothing, and the arms move in the air",
+    )
     parser.add_argument("--hold", type=float, default=2.0, help="time in the air [s]")
 
 
@@ -35,16 +45,25 @@ def run(run: Run) -> None:
     """Perch felt in time, body level and balanced on it, lift-off within 10 s, each way in 6 s."""
     options, robot = run.options, load_robot("beta")
     settings = {
-        "plant": {"robot": "beta", "body": "robot_with_unit", "seed": options.seed},
-        "flight_controller": {"seed": options.seed},
+        "plant": {
+            "robot": "beta",
+            "body": "robot_with_unit",
+            "seed": options.seed,
+            "sensing": options.sensing,
+        },
+        "flight_controller": {"seed": options.seed, "sensing": options.sensing},
     }
+    swept: Span | None = None
     with run.session(settings, expected=_TAKE_OFF + options.hold + 30.0) as session:
         stand_up(session)
         session.advance(_STANDING)
         become_perched(session)
         become_splayed(session)
         take_off(session)
+        took_off = session.time
         session.advance(_TAKE_OFF + options.hold)
+        if options.sensing == "ideal":
+            swept = sweep_arms(session)
         land(session)
         become_legged(session)
         session.advance(_STANDING)
@@ -62,6 +81,11 @@ def run(run: Run) -> None:
     run.require("morph_to_arms_s", upper=6.0)
     run.require("legs_to_lift_off_s", upper=10.0)
     run.require("morph_to_legs_s", upper=6.0)
+    if swept is not None:  # SPIDAR in simulation: 0.10 m
+        height = table_of(robot)["quadrotor.height"].default
+        place = place_above(recording.base, took_off, height)
+        run.metrics |= sweep_summary(stray_from(recording.base, place, swept))
+        run.require("sweep_position_error_max_m", upper=0.08)
     run.illustrate()
     if not options.no_figures:
         perch_figure(stability, times, recording, run.output / "figures")

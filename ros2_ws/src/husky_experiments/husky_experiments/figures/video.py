@@ -91,7 +91,7 @@ def render(
         raise ValueError(f"size is {size}, H.264 needs even numbers")
     first, last = _limits(recording, start, end)
     times = np.arange(first, last, speed / fps)
-    model = _studio(model, smooth)
+    model = studio(model, smooth)
     try:
         with Canvas(model, *size) as canvas:
             writer = imageio_ffmpeg.write_frames(
@@ -111,7 +111,7 @@ def render(
             finally:
                 writer.close()
     except NoRenderingError as error:
-        _set_reason(error)
+        set_reason(error)
         return None
     return path
 
@@ -140,18 +140,19 @@ def snapshots(
     Returns:
         The path, or None where nothing can be drawn; then `unavailable_reason` says why.
     """
-    model = _studio(model, smooth)
+    model = studio(model, smooth)
     try:
         with Canvas(model, *size) as canvas:
             frames = list(_frames(recording, model, canvas, np.asarray(times, float), forces))
     except NoRenderingError as error:
-        _set_reason(error)
+        set_reason(error)
         return None
     PilImage.fromarray(np.concatenate(frames, axis=1)).save(path)
     return path
 
 
-def _set_reason(error: NoRenderingError) -> None:
+def set_reason(error: NoRenderingError) -> None:
+    """Keep why nothing can be drawn."""
     global _reason
     _reason = f"no video: {error}"
 
@@ -172,7 +173,7 @@ def load_scene(path: Path) -> mujoco.MjModel:
     return spec.compile()
 
 
-def _studio(model: mujoco.MjModel, smooth: bool) -> mujoco.MjModel:
+def studio(model: mujoco.MjModel, smooth: bool) -> mujoco.MjModel:
     """Return a copy of a model that is lit for a film.
 
     Args:
@@ -234,6 +235,14 @@ def motion(recording: Recording, model: mujoco.MjModel, times: Array) -> Array:
     return positions
 
 
+def pose(model: mujoco.MjModel, data: mujoco.MjData, lit: Array) -> None:
+    """Prepare a state to be drawn, by its positions, lit around a place (3,) [m]."""
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    mujoco.mj_camlight(model, data)
+    data.light_xpos[:] = lit - _LIGHT_DISTANCE * data.light_xdir
+
+
 def _frames(
     recording: Recording, model: mujoco.MjModel, canvas: Canvas, times: Array, forces: bool
 ) -> Iterator[Image]:
@@ -253,11 +262,8 @@ def _frames(
         setattr(camera, name, value)
     for time, position in zip(times, motion(recording, model, times), strict=True):
         data.qpos[:] = position
-        mujoco.mj_kinematics(model, data)
-        mujoco.mj_comPos(model, data)
-        mujoco.mj_camlight(model, data)
+        pose(model, data, position[:3])
         place = smooth[min(int(np.searchsorted(base.time, time)), len(smooth) - 1)]
-        data.light_xpos[:] = position[:3] - _LIGHT_DISTANCE * data.light_xdir
         camera.lookat[:] = (place[0], place[1], place[2] - 0.12)
         if gantry is not None:
             gantry.dress(data, time)

@@ -29,6 +29,7 @@ class Balancing:
         tilt: of the body [rad] (n,).
         yaw: from the start [rad] (n,).
         thrust: of each propeller [N] (n, 4).
+        hip: measured angles of the hip frontal joints [rad] (n, 4).
     """
 
     time: Array
@@ -37,11 +38,18 @@ class Balancing:
     tilt: Array
     yaw: Array
     thrust: Array
+    hip: Array
 
     def arms(self, legs: tuple[int, ...]) -> float:
         """Return for how long all these legs were arms [s]."""
         held: Mask = self.foot[:, list(legs)].min(axis=1) > SPLAYED
         return float(held[:-1] @ np.diff(self.time))
+
+    def rate(self, leg: int) -> float:
+        """Return how fast a leg becomes an arm: mean of the middle four fifths [rad/s]."""
+        turned = np.abs(self.hip[:, leg] - self.hip[0, leg])
+        begin, end = (self.time[np.argmax(turned > part * turned.max())] for part in (0.1, 0.9))
+        return float(0.8 * turned.max() / (end - begin))
 
 
 def balancing(
@@ -52,8 +60,9 @@ def balancing(
     joints, time = recording.joints, base.time
     first = legs[0]
     feet = contacts.position[measures.nearest(contacts.time, time)]
+    joint_position = joints.position[measures.nearest(joints.time, time)]
     centers = base.position + Rotation.from_quat(base.orientation).apply(
-        center_of_mass(robot, joints.position[measures.nearest(joints.time, time)])
+        center_of_mass(robot, joint_position)
     )
     begin, across = feet[:, first ^ 1, :2], feet[:, first ^ 2, :2] - feet[:, first ^ 1, :2]
     normal = np.column_stack((-across[:, 1], across[:, 0]))
@@ -70,4 +79,5 @@ def balancing(
         measures.tilt(base.orientation),
         yaw - yaw[0],
         fans.thrust[measures.nearest(fans.time, time)],
+        joint_position[:, 0::3],
     )

@@ -73,6 +73,15 @@ def hold_summary(
     return result
 
 
+def sweep_summary(stray: Stray) -> dict[str, float]:
+    """Return how far a robot in the air goes astray and tilts while its arms move."""
+    return {
+        "sweep_position_error_max_m": float(stray.distance.max()),
+        "sweep_position_error_rms_m": rms(stray.distance),
+        "sweep_tilt_max_deg": math.degrees(float(stray.tilt.max())),
+    }
+
+
 @dataclass(frozen=True, eq=False)
 class HeadingStep:
     """A step of the heading: response, and what it took (n rows).
