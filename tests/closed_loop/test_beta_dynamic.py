@@ -110,7 +110,7 @@ def test_four_legs_become_arms_in_a_leap(standing):
 
 
 def test_on_ground_that_gives_way_it_stays_level_and_feels_where_it_steps():
-    """The feet sink by some 20 mm, and unevenly, while one leg is an arm."""
+    """The feet sink unevenly while one leg is an arm."""
     robot, leg = Balancer(2, contact="thesis_model"), 1
     robot.stand()
     robot.gear.arm()

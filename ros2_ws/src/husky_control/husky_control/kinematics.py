@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 
 LEGS = 4
 JOINTS = 12
+DAMPING = 1e-4
+"""Keeps a straight leg's joints where they are, where joint rates are asked for [m^2]."""
 
 
 class LegGeometry(NamedTuple):
@@ -267,7 +269,7 @@ def leg_commands(
     forward_kinematics(geometry, joints.position, placed.foot, placed.jacobian)
     for leg in range(LEGS):
         jacobian, own = placed.jacobian[leg], slice(3 * leg, 3 * leg + 3)
-        write(joints.velocity[own], solve_leg(jacobian, vector(feet.velocity[leg]), 1e-4))
+        write(joints.velocity[own], solve_leg(jacobian, vector(feet.velocity[leg]), DAMPING))
         torque = transposed_product(jacobian, vector(feet.force[leg]))
         write(joints.torque[own], scaled(-1.0, torque))
     return out_of_reach

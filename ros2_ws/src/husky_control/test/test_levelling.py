@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from husky_control.kinematics import Kinematics
-from husky_control.modes.levelling import MOST, Levelling, tilt_off
+from husky_control.modes.levelling import MOST, Levelling, turn_to_level
 from husky_description.robot import load_robot
 
 ROBOT = load_robot("beta")
@@ -30,7 +30,7 @@ def turned(turn, standing=ALL, times=1):
 def test_the_feet_are_level_in_world_when_the_body_has_turned(axis, standing):
     """A tilted body's feet stand on level ground; turned back, they lie in a tilted plane of it."""
     tilt = Rotation.from_euler(axis, 0.08)
-    turn = tilt_off(tilt.as_matrix())
+    turn = turn_to_level(tilt.as_matrix())
     np.testing.assert_allclose(turn, tilt.inv().as_rotvec(), atol=1e-4)
     feet = KINEMATICS.foot_positions(STAND + turned(turn, standing, 10).joints)
     before = KINEMATICS.foot_positions(STAND)
@@ -47,7 +47,7 @@ def test_nothing_turns_about_an_axis_that_is_left_out():
     axis = np.array((0.6, 0.8, 0.0))
     across = np.array((-0.8, 0.6, 0.0))
     tilt = Rotation.from_rotvec(0.05 * axis) * Rotation.from_rotvec(0.03 * across)
-    turn = tilt_off(tilt.as_matrix(), axis)
+    turn = turn_to_level(tilt.as_matrix(), axis)
     assert turn @ axis == pytest.approx(0.0, abs=2e-3)
     assert turn @ across == pytest.approx(-0.03, abs=1e-3)
 

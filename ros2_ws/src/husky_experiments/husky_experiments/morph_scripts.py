@@ -6,6 +6,9 @@ what it stands on was measured (docs/beta.md).
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
+from husky_bringup.system import ParameterValue
 from husky_experiments.scripts import ready_fans
 from husky_experiments.session import Session, SessionError
 from husky_runtime import graph
@@ -26,6 +29,23 @@ _SWEEP = 0.14
 """By which the arms near each other in flight, and back, 8 deg each [rad]."""
 _SWEEPING = 4.0
 """Time for the sweep, and as much for the way back [s]."""
+
+
+def beta_settings(
+    seed: int, sensing: str = "noisy", plant: Mapping[str, ParameterValue] | None = None
+) -> dict[str, dict[str, ParameterValue]]:
+    """Return parameters of a session's nodes by which Husky-beta walks and flies.
+
+    Args:
+        seed: of all sensor noise.
+        sensing: "noisy", or "ideal": IMU, camera and autopilot err in nothing.
+        plant: more of the plant's parameters.
+    """
+    told: dict[str, ParameterValue] = {"seed": seed, "sensing": sensing}
+    return {
+        graph.PLANT: {"robot": "beta", "body": "robot_with_unit", **told, **(plant or {})},
+        graph.FLIGHT_CONTROLLER: told,
+    }
 
 
 def become_perched(session: Session) -> None:

@@ -92,4 +92,5 @@ def test_a_leap_is_measured_as_it_was_made(tmp_path: Path, write_bag: Any, messa
     assert leap.astray == leap.landed == pytest.approx(0.1, abs=1e-3)
     assert leap.torque == pytest.approx(8.0)
     assert leap.landing_tilt == pytest.approx(LEAN, abs=1e-3)
+    assert leap.landing_lean == pytest.approx(LEAN, abs=1e-3)  # level arms lean with the body
     assert leap.metrics["leap_landing_tilt_deg"] == pytest.approx(math.degrees(LEAN), abs=0.1)

@@ -28,7 +28,7 @@ from husky_control.kinematics import LEGS, Kinematics
 from husky_control.modes.balance_steps import BalanceStep, BalanceSteps, legs_of
 from husky_control.modes.behaviour import STOPS, Behaviour, Event, Happening
 from husky_control.modes.context import ModeContext
-from husky_control.modes.levelling import Levelling, tilt_off
+from husky_control.modes.levelling import Levelling, turn_to_level
 from husky_control.posture import PostureMove
 from husky_control.rotation import tilt_of, wrap_angle, yaw_of
 from husky_control.slew import slewed
@@ -56,7 +56,7 @@ LOWEST = 0.006
 """Least margin that the feet alone must have before the first leg is lifted [m]."""
 NEAR = 0.10
 """Way of a foot to where its ground is expected, from which on it is felt for [m]."""
-SETTLING = 0.2
+TOUCH_TIME = 0.2
 """In which the others end a step whose foot was felt early [s]."""
 
 
@@ -276,7 +276,7 @@ class Balance(Behaviour):
             ends = self._planner.standing_earlier(self._steps[: self._at + 1], leg, touched, NEAR)
             if ends:
                 self._steps[: self._at + 1] = ends
-                self._move.start([np.stack((touched, ends[-1].posture))], [SETTLING])
+                self._move.start([np.stack((touched, ends[-1].posture))], [TOUCH_TIME])
                 self._landing = -1
 
     def _guard(self, place: int) -> str:
@@ -324,9 +324,8 @@ class Balance(Behaviour):
             self._share[leg] = slewed(self._share[leg], float(stands), dt / 0.25)
             self._near[leg] = slewed(self._near[leg], float(comes_down), dt / 0.25)
         if not self._dropping:
-            tilted = tilt_off(r, None if self._share.sum() > 2.5 else edge.axis)
-            by = p["balance.levelling"] * dt * tilted
-            self._levelling.turn(by, feet, jacobian, self._share)
+            back = turn_to_level(r, None if self._share.sum() > 2.5 else edge.axis)
+            self._levelling.turn(p["balance.levelling"] * dt * back, feet, jacobian, self._share)
         self._carry(feet, jacobian, center, geometry.position, geometry.axis)
 
     def _push(self, edge: Edge, step: BalanceStep, r: Array, working: tuple[int, ...]) -> None:

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
+from husky_control.compiled import Compiled
+from husky_control.kinematics import DAMPING, LEGS, solve_leg
 from husky_description.arrays import Array
 
 MOST = 0.3
 """Farthest that a joint is moved [rad]."""
-DAMPING = 1e-4
-"""Keeps a straight leg's joints where they are [m^2]."""
 
 
-def tilt_off(rotation: Array, axis: Array | None = None) -> Array:
+def turn_to_level(rotation: Array, axis: Array | None = None) -> Array:
     """Return the turn that brings a tilted body back to level, in base (3,) [rad].
 
     Args:
@@ -38,6 +38,8 @@ class Levelling:
     def __init__(self) -> None:
         """Legs as they are told."""
         self.joints = np.zeros(12)
+        self._solve = Compiled(solve_leg)
+        self._solve.call(np.eye(3), (0.0, 0.0, 0.0), DAMPING)  # not when a leg is in the air
 
     def reset(self) -> None:
         """Begin with legs as they are told."""
@@ -53,7 +55,7 @@ class Levelling:
             standing: 1 for legs that stand, 0 for others, between for those on their way (4,).
         """
         moved = -standing[:, None] * np.cross(by, feet - standing @ feet / standing.sum())
-        squares = jacobian @ jacobian.transpose(0, 2, 1) + DAMPING * np.eye(3)
-        solved = np.linalg.solve(squares, moved[..., None])
-        self.joints += (jacobian.transpose(0, 2, 1) @ solved).ravel()
+        for leg in range(LEGS):
+            turned = self._solve.call(jacobian[leg], tuple(moved[leg].tolist()), DAMPING)
+            self.joints[3 * leg : 3 * leg + 3] += turned
         np.clip(self.joints, -MOST, MOST, out=self.joints)

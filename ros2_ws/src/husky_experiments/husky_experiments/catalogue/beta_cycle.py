@@ -20,6 +20,7 @@ from husky_experiments.morph_scripts import (
     become_legged,
     become_perched,
     become_splayed,
+    beta_settings,
     land,
     take_off,
 )
@@ -61,15 +62,7 @@ def run(run: Run) -> None:
     """The whole way on its own estimate, no fall; morphs in 6 s; where it lands, time, energy."""
     options, robot = run.options, load_robot("beta")
     course = GapCourse(width=options.gap, step=options.step)
-    settings = {
-        graph.PLANT: {
-            "robot": "beta",
-            "body": "robot_with_unit",
-            "seed": options.seed,
-            **course.plant(),
-        },
-        graph.FLIGHT_CONTROLLER: {"seed": options.seed},
-    }
+    settings = beta_settings(options.seed, plant=course.plant())
     with run.session(settings, expected=75.0) as session:
         stand_up(session)
         _trot(session)

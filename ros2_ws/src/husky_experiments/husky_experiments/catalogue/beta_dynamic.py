@@ -11,7 +11,7 @@ from husky_experiments.figures.dynamic_morph import dynamic_morph_figure
 from husky_experiments.metrics.dynamic_morph import balancing
 from husky_experiments.metrics.leap import leap_of
 from husky_experiments.metrics.propulsion import Span
-from husky_experiments.morph_scripts import land
+from husky_experiments.morph_scripts import beta_settings, land
 from husky_experiments.run import Run
 from husky_experiments.scripts import ready_fans, stand_up
 from husky_experiments.session import Session
@@ -45,10 +45,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(run: Run) -> None:
     """Each leg an arm and a leg again, the body level, other propellers off; the leap flies on."""
     options, robot = run.options, load_robot("beta")
-    settings = {
-        "plant": {"robot": "beta", "body": "robot_with_unit", "seed": options.seed},
-        "flight_controller": {"seed": options.seed},
-    }
+    settings = beta_settings(options.seed)
     spans: list[tuple[int, Span]] = []
     leapt: Span | None = None
     with run.session(settings, expected=10.0 + 16.0 * len(options.legs)) as session:

@@ -9,7 +9,6 @@ from typing import NoReturn
 
 import numpy as np
 
-from husky_bringup.system import ParameterValue
 from husky_description.robot import LEG_NAMES, load_robot
 from husky_experiments.gap_course import FLYING, go_to, place, trot_to
 from husky_experiments.metrics.endings import SINK_BOUND, Ending, ending
@@ -17,6 +16,7 @@ from husky_experiments.morph_scripts import (
     become_legged,
     become_perched,
     become_splayed,
+    beta_settings,
     land,
     take_off,
 )
@@ -142,10 +142,7 @@ def _go(run: Run, label: str, kind: str, seed: int) -> Ending:
     """Go until something fails at a random time; return the end."""
     random = np.random.default_rng(seed)
     wait = float(random.uniform(0.0, _WHOLE))
-    settings: dict[str, dict[str, ParameterValue]] = {
-        graph.PLANT: {"robot": "beta", "body": "robot_with_unit", "seed": seed},
-        graph.FLIGHT_CONTROLLER: {"seed": seed},
-    }
+    settings = beta_settings(seed)
     told: dict[str, object] = {}
     with run.session(settings, label=label, expected=50.0) as session:
 

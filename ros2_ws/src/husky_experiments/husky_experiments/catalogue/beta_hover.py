@@ -24,6 +24,7 @@ from husky_experiments.metrics.propulsion import Span
 from husky_experiments.morph_scripts import (
     become_perched,
     become_splayed,
+    beta_settings,
     land,
     sweep_arms,
     take_off,
@@ -75,15 +76,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(run: Run) -> None:
     """Still for a minute, faster in a turn by tilted propellers, back at its place after a gust."""
     options, robot = run.options, load_robot("beta")
-    settings = {
-        "plant": {
-            "robot": "beta",
-            "body": "robot_with_unit",
-            "seed": options.seed,
-            "sensing": options.sensing,
-        },
-        "flight_controller": {"seed": options.seed, "sensing": options.sensing},
-    }
+    settings = beta_settings(options.seed, options.sensing)
     with run.session(settings, expected=options.duration + 55.0) as session:
         stand_up(session)
         session.advance(_STANDING)

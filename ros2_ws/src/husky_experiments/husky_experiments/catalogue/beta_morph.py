@@ -16,6 +16,7 @@ from husky_experiments.morph_scripts import (
     become_legged,
     become_perched,
     become_splayed,
+    beta_settings,
     land,
     sweep_arms,
     take_off,
@@ -44,15 +45,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(run: Run) -> None:
     """Perch felt in time, body level and balanced on it, lift-off within 10 s, each way in 6 s."""
     options, robot = run.options, load_robot("beta")
-    settings = {
-        "plant": {
-            "robot": "beta",
-            "body": "robot_with_unit",
-            "seed": options.seed,
-            "sensing": options.sensing,
-        },
-        "flight_controller": {"seed": options.seed, "sensing": options.sensing},
-    }
+    settings = beta_settings(options.seed, options.sensing)
     swept: Span | None = None
     with run.session(settings, expected=_TAKE_OFF + options.hold + 30.0) as session:
         stand_up(session)

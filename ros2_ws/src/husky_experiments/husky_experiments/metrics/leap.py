@@ -12,15 +12,14 @@ from husky_description.arrays import Array
 from husky_description.robot import Robot
 from husky_description.rotor_geometry import rotor_geometry
 from husky_experiments.metrics import measures
-from husky_experiments.metrics.morph import first_time, level_ground, perch_height
+from husky_experiments.metrics.morph import RESTING, first_time, perch_height
 from husky_experiments.recordings.recording import Recording
+from husky_experiments.recordings.tables import Base, Joints
 
 ARMS = math.radians(10.0)
 """Tilt of the propellers below which the legs count as arms [rad]."""
 _IN_THE_AIR = 0.02
 """Time that no foot touches anything, to count as off the ground [s]."""
-_TOUCHED = 0.003
-"""Height of the perch over the ground with which the robot has landed [m]."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +37,7 @@ class Leap:
     torque: float  # greatest of a servo until then, by its current [N m]
     landed: float  # from where it leapt to where it touches down, level [m]
     landing_tilt: float  # of the body as the perch touches [rad]
+    landing_lean: float  # greatest tilt of a propeller's axis then [rad]
 
     @property
     def metrics(self) -> dict[str, float]:
@@ -54,6 +54,7 @@ class Leap:
             "leap_torque_max_nm": self.torque,
             "leap_landed_away_m": self.landed,
             "leap_landing_tilt_deg": math.degrees(self.landing_tilt),
+            "leap_landing_propellers_lean_deg": math.degrees(self.landing_lean),
         }
 
 
@@ -66,29 +67,33 @@ def leap_of(recording: Recording, robot: Robot, asked: float, end: float) -> Lea
     free = np.convolve(~contacts.contact.any(axis=1), np.ones(lasting))[: len(contacts)]
     off = first_time(contacts.time, free >= lasting, asked) - (lasting - 1) * period
     opened = joints.between(off, end)
-    tilts = propeller_tilts(
-        robot,
-        base.orientation[measures.nearest(base.time, opened.time)],
-        opened.position,
-    )
+    tilts = _tilts(robot, base, opened)
     arms = first_time(opened.time, tilts <= ARMS, off)
-    touch = first_time(base.time, perch_height(robot, base, level_ground) < _TOUCHED, end)
+    height = perch_height(robot, base)
+    touch = first_time(base.time, height <= RESTING, end)
     start = flight.position[0, :2]
-    at = {time: measures.nearest(base.time, np.array([time]))[0] for time in (off, touch)}
-    tilt = measures.tilt(base.orientation)
+    row = {time: measures.nearest(base.time, np.array([time]))[0] for time in (off, touch)}
+    landed = joints.between(touch, math.inf)
     return Leap(
         off=off - asked,
-        speed=float(base.velocity[at[off], 2]),
+        speed=float(base.velocity[row[off], 2]),
         leaning=float(tilts[0]),
         opening=arms - off,
         rate=float((tilts[0] - ARMS) / (arms - off)),
-        lowest=float(perch_height(robot, flight).min()),
+        lowest=float(height[(base.time >= asked) & (base.time <= end)].min()),
         tilt=float(measures.tilt(flight.orientation).max()),
         astray=float(np.linalg.norm(flight.position[:, :2] - start, axis=1).max()),
         torque=float(np.abs(joints.between(asked, end).torque).max()),
-        landed=float(np.linalg.norm(base.position[at[touch], :2] - start)),
-        landing_tilt=float(tilt[at[touch]]),
+        landed=float(np.linalg.norm(base.position[row[touch], :2] - start)),
+        landing_tilt=float(measures.tilt(base.orientation)[row[touch]]),
+        landing_lean=float(_tilts(robot, base, landed)[0]),
     )
+
+
+def _tilts(robot: Robot, base: Base, joints: Joints) -> Array:
+    """Return the greatest tilt of a propeller's axis from up at the times of joints [rad] (n,)."""
+    orientation = base.orientation[measures.nearest(base.time, joints.time)]
+    return propeller_tilts(robot, orientation, joints.position)
 
 
 def propeller_tilts(robot: Robot, orientation: Array, joint_position: Array) -> Array:
