@@ -1,5 +1,6 @@
 """The executor of the nodes: what it owes to those who ask."""
 
+import itertools
 import warnings
 
 import pytest
@@ -14,9 +15,10 @@ from rcl_interfaces.msg import (
     SetParametersResult,
 )
 from rcl_interfaces.srv import SetParameters
+from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from husky_runtime.nodes import service_desk
+from husky_runtime.nodes import qos, service_desk
 from husky_runtime.nodes.executor import WaitSetExecutor
 
 
@@ -137,3 +139,33 @@ def test_too_many_parameters_are_refused(live):
     results, most = set_parameters(live, [wish(number) for number in range(513)])
     assert results[0].reason == "parameters holds 513 values, 512 are allowed"
     assert most == 0
+
+
+TOPICS = ("command", "status", "tick")
+
+
+@pytest.mark.parametrize("hot", list(itertools.permutations(TOPICS)))
+def test_hot_messages_are_served_in_the_order_in_which_they_came(node, hot):
+    """Also when all of them wait, because the node has had to wait for a processor."""
+    served = []
+    other = rclpy.create_node("sender", context=node.context)
+    senders = {name: other.create_publisher(String, name, qos.COMMAND) for name in TOPICS}
+    executor = WaitSetExecutor(
+        node,
+        [
+            node.create_subscription(String, name, lambda m: served.append(m.data), qos.COMMAND)
+            for name in hot
+        ],
+    )
+    while any(sender.get_subscription_count() < 1 for sender in senders.values()):
+        executor.spin_once()
+    sent = [
+        f"{name} {i}" for i, name in enumerate(("tick", "command", "command", *TOPICS, *TOPICS))
+    ]
+    for text in sent:
+        senders[text.split()[0]].publish(String(data=text))
+    while len(served) < len(sent):  # the test's timeout is the only limit
+        executor.spin_once()
+    assert served == sent
+    executor.close()
+    other.destroy_node()

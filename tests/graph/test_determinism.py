@@ -17,6 +17,8 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 STEPS = 20
+TICKS = 10
+"""Of each step."""
 PATIENCE = 120.0
 """Wall time after which nobody refuses any more [s]."""
 
@@ -24,7 +26,7 @@ PATIENCE = 120.0
 def script(robot, meanwhile=lambda step: None) -> str:
     """Stand up, trot, be pushed, each at its tick; return the digest of the trajectory.
 
-    While it trots, `meanwhile` is called before each of `STEPS` steps.
+    While it trots to and fro, `meanwhile` is called before the last tick of each of `STEPS` steps.
     """
     s = robot.session
     s.advance(0.2)
@@ -38,8 +40,9 @@ def script(robot, meanwhile=lambda step: None) -> str:
     assert robot.mode == "walk", robot.seen
     push(s, (0.0, 2.0))
     for step in range(STEPS):
+        walk(s, graph.TICK_PERIOD * (TICKS - 1), (0.3, 0.1 * (-1) ** step, 0.0))
         meanwhile(step)
-        walk(s, 0.4 / STEPS, (0.3, 0.1, 0.0))
+        s.advance(graph.TICK_PERIOD)
     assert robot.mode == "walk" and s.truth.pose.pose.position.x > 0.05, robot.seen
     return s.trajectory_sha256
 

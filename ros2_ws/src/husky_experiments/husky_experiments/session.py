@@ -355,8 +355,8 @@ class Session(HeardGraph):
     def publish_twist(self, twist: Twist) -> None:
         """Send one velocity command as it is.
 
-        It is in the controller's queue before the world is asked to step, and the controller looks
-        at velocity commands before joint states.
+        It is in the controller's queue before the world is asked to step, behind the joint states
+        of the last tick, and the controller serves what comes in that order.
         """
         self._cmd_vel.publish(twist)
 

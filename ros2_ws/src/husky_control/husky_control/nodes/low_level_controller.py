@@ -90,7 +90,7 @@ class LowLevelController(OneClock, Node):
         )
 
     def _connect(self, options: ControllerOptions) -> None:
-        """Listen to what makes a tick, in the order in which it is served: the tick comes last."""
+        """Listen to what makes a tick."""
         grace, lockstep = options.grace, options.lockstep
         self._stamped = StampedTwist(self, self._on_cmd_vel)
         self._imu = ImuLink(self, grace, ImuMount(self._robot), self._on_sample, lockstep=lockstep)

@@ -6,7 +6,6 @@ its own, in a ROS context of its own. Nav2 and teleop_twist_keyboard send `Twist
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from typing import cast
 
@@ -61,7 +60,7 @@ class StampedTwist:
         if self._held is None:
             guard = cast(WaitSetExecutor, self._node.executor).guard
             self._held = HeldSubscription(self._subscription, guard)
-        self._held.serve_until(math.inf)
+        self._held.serve_all()
 
     def _on_message(self, message: TwistStamped) -> None:
         frame = message.header.frame_id

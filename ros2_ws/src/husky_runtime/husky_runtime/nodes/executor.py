@@ -6,10 +6,10 @@ microsecond. So this one looks first and waits only when nothing is there: on a 
 the *hot* subscriptions and timers while they are busy, on a full one when they have been quiet for
 a while. The rest of the node is looked at every few messages.
 
-Before the callback of a hot subscription runs, those that stand before it in the list have been
-looked at: a command that was sent before the tick it belongs to is seen before that tick, and one
-that came after it, after. Callbacks run one at a time in the spinning thread, goals of actions
-beside it in threads of their own.
+Hot messages are served in the order in which they were received, whatever their topics: a command
+that was sent before the tick it belongs to is seen before that tick, and one that was sent after
+it, after, however long this process has had to wait for a processor meanwhile. Callbacks run one
+at a time in the spinning thread, goals of actions beside it in threads of their own.
 
 A node may list subscriptions as `unawaited`: they are served, but what comes there wakes nobody.
 It may list `hot_wires` too: functions that carry what is on a wire and return whether there was
@@ -63,7 +63,7 @@ class WaitSetExecutor:
 
         Args:
             node: the node to serve; its entities may change at any time.
-            hot: subscriptions to look at first, in the order in which they are to be served.
+            hot: subscriptions to look at first.
             on_quiet: called whenever the hot entities have had nothing for 2 ms of wall time.
             hot_timers: timers to look at together with the hot subscriptions.
             stop: ends `spin` when set, from a signal handler or a callback.
@@ -156,19 +156,13 @@ class WaitSetExecutor:
                 self._on_quiet()
 
     def _serve_hot(self) -> bool:
-        """Serve at most one message of each hot subscription, and the timers that are due."""
+        """Serve the hot message that came first, what is on wires, and the timers that are due."""
         served = False
-        for index, hot in enumerate(self._hot):
-            taken = hot.take()
-            if taken is not None:
-                # What was sent before this message is here by now: it goes first. What has come
-                # since then stays for after it.
-                message, info = taken
-                for earlier in self._hot[:index]:
-                    earlier.serve_until(info["received_timestamp"])
-                hot.callback(message)
-                self._served += 1
-                served = True
+        first = self._first()
+        if first is not None:
+            first.serve()
+            self._served += 1
+            served = True
         for wire in self._wires:
             if wire():
                 self._served += 1
@@ -178,6 +172,20 @@ class WaitSetExecutor:
                 self._served += 1
                 served = True
         return served
+
+    def _first(self) -> HeldSubscription | None:
+        """Return the hot subscription whose next message came before any other, None for none."""
+        first, came = None, math.inf
+        for hot in self._hot:
+            if (received := hot.received()) < came:
+                first, came = hot, received
+        if first is None:
+            return None
+        # What came before it is here by now, also where nothing was a moment ago.
+        for hot in self._hot[: self._hot.index(first)]:
+            if (received := hot.received()) <= came:
+                first, came = hot, received
+        return first
 
     def _make_hot_wait_set(self) -> None:
         self._hot_wait_set = _rclpy.WaitSet(
@@ -232,20 +240,21 @@ class HeldSubscription:
         self.callback = guard.guarded(subscription.callback, topic, kind, raw=raw)
         self._next: Any = None
 
-    def take(self) -> Any:
-        """Return the next message and its info, or None."""
+    def received(self) -> float:
+        """Return when the next message came by this machine's clock [ns], infinity for none."""
         if self._next is None:
-            return self._take()
-        taken, self._next = self._next, None
-        return taken
+            self._next = self._take()
+        return math.inf if self._next is None else float(self._next[1]["received_timestamp"])
 
-    def serve_until(self, received: float) -> None:
-        """Serve what had been received by a time of this machine's clock [ns]."""
-        while (taken := self.take()) is not None:
-            if taken[1]["received_timestamp"] > received:
-                self._next = taken
-                return
-            self.callback(taken[0])
+    def serve(self) -> None:
+        """Serve the message that `received` has told of."""
+        (message, _), self._next = self._next, None
+        self.callback(message)
+
+    def serve_all(self) -> None:
+        """Serve every message that has come."""
+        while self.received() < math.inf:
+            self.serve()
 
     def close(self) -> None:
         """Give the handle back."""
@@ -326,7 +335,7 @@ class _Rest:
     def serve(self) -> None:
         """Serve what is there without waiting: all messages, and one request of each service."""
         for subscription in self._subscriptions:
-            subscription.serve_until(math.inf)
+            subscription.serve_all()
         for service in self._services:
             self._desk.serve(service)
         self._desk.send_again()
