@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import contextlib
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -35,6 +37,22 @@ SETTINGS = {
 _SPEED = 0.3
 _WARM_UP = 0.6
 """After so long a trot from standing is as it will be: nearly two of its periods [s]."""
+
+
+@contextlib.contextmanager
+def running(directory: Path, settings: Mapping[str, Any], **options: Any) -> Iterator[Session]:
+    """Start a graph; at its end each node ends as it should, and none has failed unseen."""
+    session = Session(directory, settings, **options)
+    try:
+        yield session
+    finally:
+        codes = session.close()
+    logs = {log.stem: log.read_text(errors="replace") for log in directory.glob("logs/*.log")}
+    for name, code in codes.items():
+        # What a node that crashed or hung at its end did last, faulthandler has written there.
+        assert code == 0, f"{codes}, {name} says:\n{logs[name][-5000:]}"
+    for name, text in logs.items():
+        assert "Traceback" not in text, f"{name} says:\n{text[-3000:]}"
 
 
 class Tap:

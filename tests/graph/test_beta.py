@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from seen_robot import running
 
 from husky_experiments.scripts import walk
-from husky_experiments.session import Session
 from husky_runtime import graph
 
 pytestmark = pytest.mark.graph
@@ -22,10 +22,8 @@ JOINT = "front_left_knee"
 @pytest.fixture(scope="module")
 def session(domain, tmp_path_factory, graphs):
     graphs.end()
-    session = Session(tmp_path_factory.mktemp("beta"), SETTINGS, record=False)
-    yield session
-    codes = session.close()
-    assert not any(codes.values()), codes
+    with running(tmp_path_factory.mktemp("beta"), SETTINGS, record=False) as session:
+        yield session
 
 
 def stand_and_trot(session):

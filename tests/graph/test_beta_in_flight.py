@@ -3,10 +3,10 @@
 import pytest
 from mavproxy import MavProxy
 from pymavlink.dialects.v20 import common as mavlink
+from seen_robot import running
 
 from husky_experiments.morph_scripts import become_perched, become_splayed, land, take_off
 from husky_experiments.scripts import stand_up
-from husky_experiments.session import Session
 from husky_pu.autopilot.mavlink_ports import default_port
 from husky_runtime import graph
 
@@ -23,8 +23,7 @@ PATIENCE = 20.0
 def flying(domain, tmp_path, graphs):
     """A session of the robot in its hold over the perch's place."""
     graphs.end()
-    session = Session(tmp_path / "run", SETTINGS, record=False)
-    try:
+    with running(tmp_path / "run", SETTINGS, record=False) as session:
         stand_up(session)
         session.advance(1.0)
         become_perched(session)
@@ -32,9 +31,6 @@ def flying(domain, tmp_path, graphs):
         take_off(session)
         session.advance(CLIMB)
         yield session
-    finally:
-        codes = session.close()
-    assert not any(codes.values()), codes
 
 
 def test_mavproxy_reads_the_flying_robot_as_a_quadrotor(flying, domain, tmp_path):

@@ -12,12 +12,11 @@ import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 from scipy.spatial.transform import Rotation
-from seen_robot import SETTINGS, Robot
+from seen_robot import SETTINGS, Robot, running
 
 from husky_description.mujoco_model import build_spec
 from husky_description.robot import load_robot
 from husky_description.urdf import build_urdf
-from husky_experiments.session import Session
 from husky_runtime import graph
 
 pytestmark = pytest.mark.graph
@@ -47,8 +46,7 @@ def run(tmp_path_factory):
     directory = tmp_path_factory.mktemp("frames")
     settings = {name: dict(values) for name, values in SETTINGS.items()}
     settings[graph.PLANT]["body"] = "robot_with_unit"
-    session = Session(directory, settings, record=True)
-    try:
+    with running(directory, settings, record=True) as session:
         robot = Robot(session)
         robot.stand()
         session.set_flight_mode("OFFBOARD")
@@ -65,9 +63,6 @@ def run(tmp_path_factory):
         robot.trigger(graph.DRIVES_EMERGENCY_STOP)
         session.advance(0.3)
         robot.close()
-    finally:
-        codes = session.close()
-    assert not any(codes.values()), codes
     return directory / "bag", readers
 
 

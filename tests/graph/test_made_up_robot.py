@@ -2,10 +2,10 @@
 
 import pytest
 from made_up_robot import FANS, write
+from seen_robot import running
 
 from husky_description.gravity import GRAVITY
 from husky_description.robot import load_robot
-from husky_experiments.session import Session
 from husky_runtime import graph
 
 pytestmark = pytest.mark.graph
@@ -24,10 +24,8 @@ def session(domain, tmp_path_factory, graphs):
     settings = {node: {"grace": GRACE} for node in (graph.DRIVE_BRIDGE, graph.LOW_LEVEL_CONTROLLER)}
     settings |= {node: {"grace": GRACE} for node in (graph.FLIGHT_CONTROLLER, graph.PIXHAWK_BRIDGE)}
     settings[graph.PLANT] = {**plant, "grace": GRACE, "seed": 1}
-    session = Session(directory, settings, record=False)
-    yield session
-    codes = session.close()
-    assert not any(codes.values()), codes
+    with running(directory, settings, record=False) as session:
+        yield session
 
 
 def test_it_stands_on_its_legs_with_the_help_of_six_fans(session):
