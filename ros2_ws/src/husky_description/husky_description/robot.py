@@ -274,6 +274,18 @@ def _mass_without_payload(tree: Mapping[str, Any]) -> float:
     return body.mass + 4.0 * (leg.hip_mass + leg.thigh_mass + leg.shin_mass + knee)
 
 
+def _masses(tree: Mapping[str, Any]) -> tuple[float, float]:
+    """Return the total mass and the payload's part of it [kg]."""
+    mass = float(read_value(tree["total_mass"], number(0.0, 100.0), "total_mass"))
+    bare = _mass_without_payload(tree)
+    if mass < bare:
+        raise ValueError(
+            f"total_mass: {mass} is outside the allowed range [{bare:.3g}, 100]: in it are "
+            "body.mass and four times leg.hip_mass, leg.thigh_mass, leg.shin_mass, knee_pod.mass"
+        )
+    return mass, mass - bare
+
+
 def make_robot(tree: Mapping[str, Any]) -> Robot:
     """Make a robot from the tree of a parameter file; raises ValueError as `load_robot`."""
     actuation, read = _read_sections(tree)
@@ -281,8 +293,7 @@ def make_robot(tree: Mapping[str, Any]) -> Robot:
     joints: sections.JointsSection = read["joints"]
     check_together(read)
 
-    bare_mass = _mass_without_payload(tree)
-    mass = read_value(tree["total_mass"], number(bare_mass, 100.0), "total_mass")
+    mass, payload_mass = _masses(tree)
     thigh_length = leg.thigh_link + leg.ankle_link
     stand_height = read["posture"].stand_height
     perch: sections.BoxSection = read["perch"]
@@ -322,9 +333,9 @@ def make_robot(tree: Mapping[str, Any]) -> Robot:
         **actuators(own),
         mass=mass,
         base_mass=read["body"].mass,
-        payload_mass=mass - bare_mass,
+        payload_mass=payload_mass,
         base_inertia=read["body"].inertia,
-        payload_inertia=box_inertia(mass - bare_mass, read["payload"].size),
+        payload_inertia=box_inertia(payload_mass, read["payload"].size),
         **leg_bodies(leg),
         stand_joint_position=stand,
         sit_joint_position=sit,

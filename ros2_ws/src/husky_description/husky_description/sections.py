@@ -293,8 +293,10 @@ class FansSection:
             )
         if not self.no_load_current < self.full_current < self.voltage / self.resistance:
             raise ValueError(
-                f"fans.efficiency: {self.efficiency:g} asks for {self.full_current:.1f} A, outside "
-                "fans.no_load_current to fans.voltage / fans.resistance"
+                f"fans.max_thrust: {self.max_thrust:g} N through fans.flow_area of air of "
+                f"fans.air_density takes {self.full_current:.1f} A at fans.efficiency, it must be "
+                f"more than fans.no_load_current, {self.no_load_current:g} A, and less than "
+                f"fans.voltage / fans.resistance, {self.voltage / self.resistance:.0f} A"
             )
 
     @property
