@@ -26,7 +26,8 @@ PATIENCE = 120.0
 def script(robot, meanwhile=lambda step: None) -> str:
     """Stand up, trot, be pushed, each at its tick; return the digest of the trajectory.
 
-    While it trots to and fro, `meanwhile` is called before the last tick of each of `STEPS` steps.
+    While it trots on, to the left and to the right by turns, `meanwhile` is called before the last
+    tick of each of `STEPS` steps.
     """
     s = robot.session
     s.advance(0.2)

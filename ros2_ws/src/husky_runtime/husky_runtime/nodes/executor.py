@@ -175,17 +175,11 @@ class WaitSetExecutor:
 
     def _first(self) -> HeldSubscription | None:
         """Return the hot subscription whose next message came before any other, None for none."""
-        first, came = None, math.inf
-        for hot in self._hot:
-            if (received := hot.received()) < came:
-                first, came = hot, received
-        if first is None:
+        first = min(self._hot, key=HeldSubscription.received, default=None)
+        if first is None or first.received() == math.inf:
             return None
         # What came before it is here by now, also where nothing was a moment ago.
-        for hot in self._hot[: self._hot.index(first)]:
-            if (received := hot.received()) <= came:
-                first, came = hot, received
-        return first
+        return min(self._hot, key=HeldSubscription.received)
 
     def _make_hot_wait_set(self) -> None:
         self._hot_wait_set = _rclpy.WaitSet(
