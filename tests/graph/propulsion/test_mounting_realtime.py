@@ -1,5 +1,7 @@
 """A vectored force beside the wall clock."""
 
+from contextlib import closing
+
 import numpy as np
 import pytest
 from starvation import in_real_time
@@ -8,8 +10,11 @@ pytestmark = [pytest.mark.graph, pytest.mark.realtime]
 
 
 def test_vectored_in_realtime(new_graph, commanding, held_unit):
-    with new_graph(clock="realtime", **held_unit(mounting="vectoring")) as robot:
-        companion = commanding(robot)
+    settings = held_unit(mounting="vectoring")
+    with (
+        new_graph(clock="realtime", **settings) as robot,
+        closing(commanding(robot)) as companion,
+    ):
         force = (24.0, 0.0, -16.0)
 
         def push() -> None:

@@ -1,5 +1,7 @@
 """The two mountings of the fans: what each makes of a force in any direction."""
 
+from contextlib import closing
+
 import numpy as np
 import pytest
 
@@ -22,8 +24,7 @@ def test_a_force_up_a_wall_and_back(vectoring_of_module):
 
 
 def test_fixed_fans_push_along_z_and_the_bridge_says_so(new_graph, commanding, held_unit):
-    with new_graph(**held_unit()) as robot:
-        companion = commanding(robot)
+    with new_graph(**held_unit()) as robot, closing(commanding(robot)) as companion:
         companion.arm()
         _, made = companion.ask((20.0, 0.0, 15.0), 2.0)
         np.testing.assert_allclose(made[-1], (0.0, 0.0, 15.0), atol=0.5)
