@@ -44,12 +44,15 @@ class ClimbingRobot(InProcessRobot):
         seed: int = 0,
         *,
         blend: float = BLEND,
+        length: float = 12.0,
         mounting: str = "vectoring",
         **options: float,
     ):
         """On the flat before a slope whose foot has a radius; options of `WorldOptions` beside."""
         self.slope, self.blend = math.radians(slope_deg), blend
-        ground = TerrainOptions(kind="ramp", slope=self.slope, approach=APPROACH, blend=blend)
+        ground = TerrainOptions(
+            kind="ramp", slope=self.slope, approach=APPROACH, blend=blend, length=length
+        )
         robot = load_robot(fans__mounting=mounting)
         super().__init__(WorldOptions(terrain=ground, seed=seed, **options), robot)
         self.fans = True

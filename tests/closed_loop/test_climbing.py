@@ -105,6 +105,26 @@ def test_bad_commands_are_refused_with_the_range(on_slope, command):
     assert not accepted and "must be within +-" in message
 
 
+def test_up_on_a_plateau_it_walks_on_as_on_the_flat():
+    """Level ground is where the feet are, not at the height where the robot was switched on."""
+    robot = ClimbingRobot(20.0, length=0.5)
+    robot.start()
+    robot.run(11.0, (SPEED, 0.0, 0.0))
+    robot.run(2.0, (0.0, 0.0, 0.0))
+    plateau = robot.world.options.terrain.ramp.slope_end
+    assert robot.world.base_position[0] > plateau
+    assert robot.controller.request_mode("stand")[0]
+    robot.run(0.5, (0.0, 0.0, 0.0))
+    assert robot.controller.mode.value == "stand", robot.controller.reason
+    assert robot.controller.request_mode("walk")[0]
+    height, estimate = robot.world.base_position[2], robot.controller.body.estimator.position[2]
+    for _ in range(100):
+        robot.run(0.02, (0.0, 0.0, 0.6))
+        assert robot.controller.mode.value == "walk", robot.controller.reason
+        assert robot.world.base_position[2] == pytest.approx(height, abs=0.03)
+        assert robot.controller.body.estimator.position[2] == pytest.approx(estimate, abs=0.03)
+
+
 @pytest.mark.slow
 def test_with_a_fan_lost_it_walks_down_around_the_foot_of_the_slope_to_the_flat():
     """With plans, as the graph has them, on the way that asks most of the contact detection."""

@@ -174,6 +174,12 @@ class SensedBody:
         estimator = self.estimator
         estimator.ground_height = float(estimator.position[2]) - self._height_on_perch
 
+    def stand_on_level(self) -> None:
+        """Know that the ground under the feet is level: they will find it at this height."""
+        estimator = self.estimator
+        height = float(estimator.foot_in_world[:, 2].mean())
+        estimator.ground_height = height - estimator.foot_radius
+
     def carry(self, weight: float, joint_torque: Array) -> None:
         """Write the torques (12,) [N m] by which four standing feet carry a weight [N]."""
         distribute_weight(

@@ -96,6 +96,7 @@ class ModeContext:
         self.walking.stand_on(LEVEL_GROUND)
         self.climbing.end()
         self.body.set_lightness(1.0)
+        self.body.stand_on_level()
 
     def stand_posture(self) -> Array:
         """Return the joint positions (12,) [rad] to stand in."""
