@@ -2,7 +2,6 @@
 
 import signal
 import subprocess
-import threading
 import time
 from pathlib import Path
 
@@ -66,22 +65,42 @@ def digest(graph_of_module):
     return first_script(graph_of_module)
 
 
+def beside(line: str) -> subprocess.Popen[bytes]:
+    """Run a line of a shell that stops or wakes nodes, in a process of its own.
+
+    Who is stopped may hold a lock of the shared memory. Where this process waits for that, as it
+    publishes something, none of its own threads runs to wake him.
+    """
+    return subprocess.Popen(("sh", "-c", line))
+
+
 def test_after_a_reset_with_stalls(digest, robot):
     """Nodes that stand still for less than the grace period are waited for."""
-
-    def stall() -> None:
-        for node in (graph.LOW_LEVEL_CONTROLLER, graph.DRIVE_BRIDGE, graph.VN200_DRIVER) * 3:
-            time.sleep(0.1)
-            robot.session.processes.kill(node, signal.SIGSTOP)
-            time.sleep(0.05)
-            robot.session.processes.kill(node, signal.SIGCONT)
-
-    thread = threading.Thread(target=stall)
-    thread.start()
+    nodes = (graph.LOW_LEVEL_CONTROLLER, graph.DRIVE_BRIDGE, graph.VN200_DRIVER) * 3
+    groups = [-robot.session.processes.process_group(node) for node in nodes]
+    stall = "sleep 0.1; kill -s STOP -- {0}; sleep 0.05; kill -s CONT -- {0}"
+    stalls = beside("; ".join(stall.format(group) for group in groups))
     try:
         assert script(robot) == digest
     finally:
-        thread.join()
+        assert stalls.wait(PATIENCE) == 0
+
+
+def test_with_a_controller_that_wakes_up_late(digest, robot):
+    """A command that is sent after a tick is not of that tick, though both wait for it."""
+    controller = -robot.session.processes.process_group(graph.LOW_LEVEL_CONTROLLER)
+    wakes: list[subprocess.Popen[bytes]] = []
+
+    def stop(step: int) -> None:
+        time.sleep(0.01)  # it has answered the tick before
+        robot.session.processes.kill(graph.LOW_LEVEL_CONTROLLER, signal.SIGSTOP)
+        # Until the tick has gone by and the next command is there.
+        wakes.append(beside(f"sleep 0.05; kill -s CONT -- {controller}"))
+
+    try:
+        assert script(robot, stop) == digest
+    finally:
+        assert [wake.wait(PATIENCE) for wake in wakes] == [0] * len(wakes)
 
 
 STARTS = {
