@@ -6,7 +6,7 @@ pytest.importorskip("rclpy")
 
 from node_bench import assert_refused
 
-from husky_runtime.nodes.unknown_parameters import given
+from husky_runtime.nodes.unknown_parameters import given, like
 
 FILE = """
 /**:
@@ -44,6 +44,24 @@ def test_sections_of_a_node_by_its_full_name(tmp_path):
     arguments = ["--ros-args", "--params-file", str(path)]
     assert list(given("planner", "/", arguments)) == ["cache"]
     assert list(given("planner", "/robot1", arguments)) == ["of_another"]
+
+
+KNOWN = ["gait.trot.period", "gait.trot.swing_height", "assist.slew", "walk.late_limit", "body"]
+
+
+@pytest.mark.parametrize(
+    ("name", "near"),
+    [
+        ("gait.step_height", ["gait.trot.swing_height", "gait.trot.period"]),
+        ("asist.slew", ["assist.slew"]),
+        ("slew", ["assist.slew"]),
+        ("trot.period", ["gait.trot.period"]),
+        ("bodi", ["body"]),
+        ("nothing_of_it", sorted(KNOWN)),
+    ],
+)
+def test_names_that_may_have_been_meant(name, near):
+    assert like(name, KNOWN) == near
 
 
 @pytest.mark.graph

@@ -11,6 +11,9 @@ from typing import Any
 import yaml
 from rclpy.node import Node
 
+_OF_GROUP = 0.3
+"""How alike a name of the same group must be: the group's name counts, too [-]."""
+
 
 def refuse_unknown(node: Node, arguments: Sequence[str]) -> None:
     """Check that a node, which has declared its own, has every parameter that is given to it.
@@ -27,8 +30,22 @@ def refuse_unknown(node: Node, arguments: Sequence[str]) -> None:
     for name in given(node.get_name(), node.get_namespace(), arguments):
         if not node.has_parameter(name):
             known = [each.split("/")[-1] for each in node.get_parameters_by_prefix("")]
-            like = difflib.get_close_matches(name, known, n=3) or sorted(known)
-            raise ValueError(f"there is no parameter {name}; there is {', '.join(like)}")
+            raise ValueError(
+                f"there is no parameter {name}; there is {', '.join(like(name, known))}"
+            )
+
+
+def like(name: str, known: Sequence[str]) -> list[str]:
+    """Return the names that somebody may have meant: of the same group, spelled alike, or that have
+    it as a part; all of them where there is none.
+    """
+    group = [each for each in known if each.startswith(name.split(".")[0] + ".")]
+    return (
+        difflib.get_close_matches(name, group, n=3, cutoff=_OF_GROUP)
+        or difflib.get_close_matches(name, known, n=3)
+        or [each for each in known if set(name.split(".")) & set(each.split("."))]
+        or sorted(known)
+    )
 
 
 def given(name: str, namespace: str, arguments: Sequence[str]) -> Iterator[str]:
