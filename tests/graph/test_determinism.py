@@ -92,7 +92,7 @@ def test_with_a_controller_that_wakes_up_late(digest, robot):
     wakes: list[subprocess.Popen[bytes]] = []
 
     def stop(step: int) -> None:
-        time.sleep(0.01)  # it has answered the tick before
+        time.sleep(0.01)  # Most likely it has answered the tick before; the digest is one anyhow.
         robot.session.processes.kill(graph.LOW_LEVEL_CONTROLLER, signal.SIGSTOP)
         # Until the tick has gone by and the next command is there.
         wakes.append(beside(f"sleep 0.05; kill -s CONT -- {controller}"))

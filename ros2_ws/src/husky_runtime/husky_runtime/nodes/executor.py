@@ -238,7 +238,8 @@ class HeldSubscription:
         """Return when the next message came by this machine's clock [ns], infinity for none."""
         if self._next is None:
             self._next = self._take()
-        return math.inf if self._next is None else float(self._next[1]["received_timestamp"])
+        # An integer as it is: as a float it would be rounded to a quarter of a microsecond.
+        return math.inf if self._next is None else int(self._next[1]["received_timestamp"])
 
     def serve(self) -> None:
         """Serve the message that `received` has told of."""

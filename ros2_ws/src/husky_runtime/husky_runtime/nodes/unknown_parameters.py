@@ -36,8 +36,10 @@ def refuse_unknown(node: Node, arguments: Sequence[str]) -> None:
 
 
 def like(name: str, known: Sequence[str]) -> list[str]:
-    """Return the names that somebody may have meant: of the same group, spelled alike, or that have
-    it as a part; all of them where there is none.
+    """Return the names of parameters that somebody may have meant by one that is not there.
+
+    Those of the same group that are spelled alike, else any that are, else those that share a part
+    with it between dots; all of them where there is none.
     """
     group = [each for each in known if each.startswith(name.split(".")[0] + ".")]
     return (
