@@ -1,9 +1,10 @@
-"""Walk, stand, turn for long with all of it running; nothing may grow, no message may be missing.
+"""Walk, stand, turn, climb for long with all of it running; nothing may grow, or be missing.
 
 All of it is the propulsion unit with its fans and radio, the T265, the planner, the recorder. The
-robot goes round after round through the same passages. Every few seconds the processes are looked
-at: after a time in which buffers fill and caches warm up, nothing that they hold may grow. At the
-end each end of each wire must have counted the same messages, one for each tick.
+robot goes round after round through the same passages, and once to a slope, up it and down again.
+Every few seconds the processes are looked at: after a time in which buffers fill and caches warm
+up, nothing that they hold may grow. At the end each end of each wire must have counted the same
+messages, one for each tick.
 """
 
 from __future__ import annotations
@@ -18,7 +19,8 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 
-from husky_bringup.system import ParameterValue
+from husky_experiments.climb_scripts import climb_onto, face, go, walk_down, walk_to
+from husky_experiments.incline_course import Course, climbing_settings
 from husky_experiments.metrics.message_counts import (
     MISSED_TICKS,
     GraphCounters,
@@ -43,6 +45,14 @@ _WARM_UP = 60.0
 _SHORTEST = 10.0
 _SHARE = 0.15
 """Of the weight, on the fans: so little that the pack lasts for half an hour of it."""
+_COURSE = Course(25.0, approach=7.0, length=6.0)
+"""Where it climbs: the rounds, which nearly close, stay before it."""
+_CLIMB = 120.0
+"""Time that going there, the climb and the way back take, with a margin [s]."""
+_SPEED, _UP, _REST = 0.25, 8.0, 2.0
+"""Of the climb [m/s]; how long it goes up on the straight, and stands there [s]."""
+_PACE = 0.4
+"""Of the way there and back [m/s]."""
 _OWN = "experiment"
 _PLANS = 110
 """More than the planner remembers."""
@@ -72,13 +82,9 @@ def run(run: Run) -> None:
         raise SessionError(
             f"--duration is {options.duration:g}, it must be {_SHORTEST:g} s or more"
         )
-    settings: dict[str, dict[str, ParameterValue]] = {
-        "plant": {"seed": options.seed, "body": "robot_with_unit"},
-        "flight_controller": {"seed": options.seed},
-        "low_level_controller": {"planner": True},
-        # What is planned is planned anew in every run.
-        "planner": {"keep": False},
-    }
+    settings = climbing_settings(_COURSE, options.seed)
+    settings[graph.FLIGHT_CONTROLLER]["seed"] = options.seed
+    settings[graph.PLANNER] = {"keep": False}  # what is planned is planned anew in every run
     operator = _Operator(options.duration / _SAMPLES)
     with run.session(
         settings, expected=options.duration + 25.0, remote=True, on_advance=operator.advanced
@@ -93,22 +99,31 @@ def run(run: Run) -> None:
         counted = counters_of(run.robot())
         before = operator.read_counters(counted.nodes)
         start = session.time
-        rounds = operator.go_round(start + options.duration)
+        warm = start + min(_WARM_UP, 0.5 * options.duration)
+        rounds = operator.go_round(warm)
+        climbs = int(options.duration - (session.time - start) > _CLIMB)
+        stands = not climbs or operator.climb()
+        if stands:
+            rounds += operator.go_round(start + options.duration)
         stop_walking(session)
         end, after = session.time, operator.read_counters(counted.nodes)
-        falls = finish_assisted(session)
-    run.metrics |= {"rounds": rounds, "plans": operator.plans, "simulated_s": end - start}
-    begin = start + min(_WARM_UP, 0.5 * options.duration)
+        falls = finish_assisted(session) if stands else 1
+    run.metrics |= {
+        "rounds": rounds,
+        "climbs": climbs,
+        "plans": operator.plans,
+        "simulated_s": end - start,
+    }
     seen = [dataclasses.asdict(sample) for sample in operator.samples]
     (run.output / "resources.json").write_text(json.dumps(seen) + "\n")
-    _judge_growth(run, operator.samples, begin)
+    _judge_growth(run, operator.samples, warm)
     run.say("counting the messages in the bag")
     _judge_messages(run, counted, before, after, (start, end))
     run.require("falls", falls, upper=0)
     if not options.no_figures:
         from husky_experiments.figures.soak import draw_soak
 
-        draw_soak(operator.samples, begin, run.output / "figures")
+        draw_soak(operator.samples, warm, run.output / "figures")
 
 
 def _judge_growth(run: Run, samples: Sequence[Sample], begin: float) -> None:
@@ -218,6 +233,31 @@ class _Operator:
             rounds += 1
         self._finish_plan(session)
         return rounds
+
+    def climb(self) -> bool:
+        """Go to the slope, up, stand there, come down, go back to where the rounds began.
+
+        Returns:
+            Whether the robot is on its legs still.
+        """
+        session = self._session
+        assert session is not None
+        session.set_parameter(graph.LOW_LEVEL_CONTROLLER, "assist.share", 0.0)
+        walk_to(session, _COURSE.approach - Course.approach, 0.0, _PACE)
+        face(session, 0.0)
+        stop_walking(session)
+        session.set_mode("wair", reached="wair", within=1.0)
+        stands = (
+            climb_onto(session, _COURSE, _SPEED)
+            and go(session, _COURSE, _UP, _SPEED)
+            and go(session, _COURSE, _REST, 0.0)
+            and walk_down(session, _COURSE, _SPEED)
+            and go(session, _COURSE, _REST, 0.0)
+        )
+        if stands:
+            session.set_mode("stand", reached="stand", within=3.0, patience=2.0)
+            walk_to(session, 0.0, 0.0, _PACE)
+        return stands
 
     def _plan(self, session: Session) -> None:
         """Ask for a cycle that has not been planned yet; it is planned while the robot goes on."""

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import argparse
 
-import numpy as np
-
 from husky_bringup.system import ParameterValue
-from husky_experiments.climb_scripts import climb_onto, get_ready, go, go_to, has_fallen, place
+from husky_experiments.climb_scripts import climb_onto, get_ready, go, has_fallen, walk_down
 from husky_experiments.incline_course import MOUNTINGS, Course, climbing_settings, course_for
 from husky_experiments.metrics.incline import climb_summary, worst_tilt_deg
 from husky_experiments.run import Run
@@ -165,9 +163,7 @@ def _lose(run: Run, session: Session, course: Course) -> None:
     fans = run.robot().rotor_names
     session.inject(graph.PLANT_INJECT_FAULT, f"{fans[run.options.seed % len(fans)]}_fan", "fail")
     stands = go(session, course, _STOPPING, run.options.speed)
-    way, speed = course.along(np.zeros(3)) - 0.1, run.options.speed
-    within = 5.0 + 2.0 * (course.along(place(session)) - way) / speed
-    run.metrics["walked_down"] = stands and go_to(session, course, way, -speed, within)
+    run.metrics["walked_down"] = stands and walk_down(session, course, run.options.speed)
 
 
 def _come_back(run: Run, session: Session, course: Course, speed: float) -> bool:
@@ -175,8 +171,7 @@ def _come_back(run: Run, session: Session, course: Course, speed: float) -> bool
     if not go(session, course, _STOPPING, 0.0) or not go(session, course, _STANDING, 0.0):
         return False
     run.say("stood on the slope")
-    way = course.along(np.zeros(3)) - 0.1
-    if not go_to(session, course, way, -speed, 5.0 + 2.0 * abs(way) / speed + 60.0):
+    if not walk_down(session, course, speed):
         return False
     run.say("back on the flat")
     if not go(session, course, _STOPPING, 0.0):
