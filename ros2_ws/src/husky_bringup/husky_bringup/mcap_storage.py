@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import os
+import pickle
 import struct
 from array import array
-from dataclasses import dataclass
+from collections.abc import Iterator
+from io import BytesIO
 from pathlib import Path
-from zlib import crc32
+from zlib import compress, crc32, decompress
 
 from rosbags.rosbag2.enums import CompressionMode
 from rosbags.rosbag2.storage_mcap import McapWriter
@@ -19,6 +21,10 @@ _MAGIC = b"\x89MCAP0\r\n"
 _CHECKSUM_AND_MAGIC = 12
 _FOOTER = struct.Struct("<BQQQI8s")
 """Opcode, length, start of the summary, of its offsets, checksum, magic."""
+_INDEX = struct.Struct("<QQQ")
+"""Least and greatest log time [ns] of a chunk, and where it begins [bytes]: its index's first."""
+_BLOCK = 64
+"""Records that are packed together."""
 
 
 class WholeWrites:
@@ -84,14 +90,63 @@ class WholeWrites:
         os.close(self._descriptor)
 
 
-@dataclass(frozen=True)
-class WrittenChunk:
-    """A chunk that is in the file, its index included."""
+class PackedRecords:
+    """A list of records that gets long and is hardly looked at: all but the newest are packed.
 
-    start: int  # where it begins [bytes]
-    counts: array[int]  # messages of each channel, in the order of the channels
-    # least and greatest log time [ns]; None where there is no message
-    times: tuple[int, int] | None
+    What the index at the end of a file tells of each chunk has to be kept until then.
+    """
+
+    def __init__(self) -> None:
+        """No record."""
+        self._packed: list[bytes] = []
+        self._newest: list[bytes] = []
+
+    def __len__(self) -> int:
+        """Return how many there are."""
+        return _BLOCK * len(self._packed) + len(self._newest)
+
+    def __iter__(self) -> Iterator[bytes]:
+        """Yield them from the first to the last."""
+        for block in self._packed:
+            yield from _unpack(block)
+        yield from self._newest
+
+    def append(self, record: bytes) -> None:
+        """Add one at the end."""
+        self._newest.append(record)
+        if len(self._newest) == _BLOCK:
+            self._packed.append(compress(pickle.dumps(self._newest)))
+            self._newest = []
+
+    def pop(self) -> bytes:
+        """Take the last one away; return it."""
+        if not self._newest:
+            self._newest = _unpack(self._packed.pop())
+        return self._newest.pop()
+
+
+def _unpack(block: bytes) -> list[bytes]:
+    records: list[bytes] = pickle.loads(decompress(block))
+    return records
+
+
+class _Streams:
+    """Records as the list of streams, each at its end, that rosbags keeps."""
+
+    def __init__(self, records: PackedRecords):
+        self._records = records
+
+    def __len__(self) -> int:
+        return len(self._records)
+
+    def __iter__(self) -> Iterator[BytesIO]:
+        for record in self._records:
+            stream = BytesIO()
+            stream.write(record)
+            yield stream
+
+    def append(self, stream: BytesIO) -> None:
+        self._records.append(stream.getvalue())
 
 
 class WholeMcapWriter(McapWriter):
@@ -107,7 +162,8 @@ class WholeMcapWriter(McapWriter):
         self.bio.close()
         self._file = WholeWrites(self.path)
         self.bio = self._file  # type: ignore[assignment]
-        self._written: list[WrittenChunk] = []
+        self._indexes, self._counts = PackedRecords(), PackedRecords()  # of each chunk
+        self.chunks = _Streams(self._indexes)  # type: ignore[assignment]
 
     def close_chunk(self) -> None:
         """Write the pending chunk.
@@ -122,11 +178,10 @@ class WholeMcapWriter(McapWriter):
         try:
             self._file.commit()
         except OSError:
-            self.chunks.pop()
+            self._indexes.pop()
             raise
         counts = array("I", (len(chunk.msgs.get(channel, ())) for channel in self.channel_stats))
-        times = (chunk.message_start_time, chunk.message_end_time) if chunk.msgs else None
-        self._written.append(WrittenChunk(start, counts, times))
+        self._counts.append(counts.tobytes())
 
     def close(self, version: int, metadata: str) -> None:
         """Write index and footer; the file stays open until `release`: it may have to be cut yet.
@@ -150,20 +205,20 @@ class WholeMcapWriter(McapWriter):
     def counts(self) -> dict[int, int]:
         """Messages in the file, by channel."""
         total = dict.fromkeys(self.channel_stats, 0)
-        for chunk in self._written:
+        for counts in self._counts:
             # Channels that were made later are missing at the end.
-            for channel, count in zip(total, chunk.counts, strict=False):
+            for channel, count in zip(total, array("I", counts), strict=False):
                 total[channel] += count
         return total
 
     @property
     def times(self) -> tuple[int, int]:
         """Least and greatest log time in the file [ns], as rosbags has them for none at all."""
-        known = [chunk.times for chunk in self._written if chunk.times is not None]
-        return (
-            min((times[0] for times in known), default=2**63 - 1),
-            max((times[1] for times in known), default=0),
-        )
+        first, last = 2**63 - 1, 0
+        for index in self._indexes:
+            start, end, _ = _INDEX.unpack_from(index)  # of a chunk without messages as above
+            first, last = min(first, start), max(last, end)
+        return first, last
 
     def settle(self) -> None:
         """Make the statistics those of what is in the file."""
@@ -172,10 +227,11 @@ class WholeMcapWriter(McapWriter):
 
     def give_back(self) -> bool:
         """Cut the last chunk and all behind it, to make room; return whether there was one."""
-        if not self._written:
+        if not len(self._indexes):
             return False
-        self._file.cut(self._written.pop().start)
-        del self.chunks[len(self._written) :]
+        self._counts.pop()
+        _, _, place = _INDEX.unpack_from(self._indexes.pop())
+        self._file.cut(place)
         return True
 
     def release(self) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import time
+import tracemalloc
 from pathlib import Path
 from typing import Any
 
@@ -308,3 +309,28 @@ def test_only_a_bag_is_ever_replaced(
     with pytest.raises(FileExistsError, match="not a bag"):
         BagWriter(path, graph.TOPICS, profiles, typestore, overwrite=True)
     assert foreign.exists()
+
+
+def test_what_is_kept_of_a_chunk_until_the_index_is_written(
+    tmp_path: Path, profiles: Any, typestore: Any, messages: Any
+) -> None:
+    """Ten minutes of the whole graph are some 1300 chunks of 25 topics."""
+    topics = [graph.Topic(f"/t{k}", "std_msgs/msg/String", (), "STATUS", 0.0) for k in range(25)]
+    writer = BagWriter(tmp_path / "bag", topics, profiles, typestore)
+
+    def write(chunks: int) -> int:
+        for _ in range(chunks):
+            for channel in writer.channels:
+                writer.write(channel, text(messages, "hello")[1])
+            writer.flush()
+        return tracemalloc.get_traced_memory()[0]
+
+    tracemalloc.start()
+    try:
+        before = write(64)
+        kept = (write(256) - before) / 256
+    finally:
+        tracemalloc.stop()
+    writer.close()
+    assert len(read(tmp_path / "bag")) == 320 * 25
+    assert kept < 250.0  # bytes
