@@ -227,7 +227,7 @@ class WholeMcapWriter(McapWriter):
 
     def give_back(self) -> bool:
         """Cut the last chunk and all behind it, to make room; return whether there was one."""
-        if not len(self._indexes):
+        if not self._indexes:
             return False
         self._counts.pop()
         _, _, place = _INDEX.unpack_from(self._indexes.pop())

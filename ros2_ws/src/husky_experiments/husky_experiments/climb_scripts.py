@@ -1,27 +1,20 @@
-"""How the robot climbs a course, step by step, and how it gets there."""
+"""How the robot climbs a course, step by step."""
 
 from __future__ import annotations
 
 import math
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from husky_description.arrays import Array
 from husky_experiments.incline_course import CLEAR, Course
-from husky_experiments.scripts import ready_fans, stand_up, walk
-from husky_experiments.session import Session, SessionError
+from husky_experiments.scripts import ready_fans, stand_up
+from husky_experiments.session import Session
 
 _LOW = 0.4
 """Share of its height over the feet below which a climbing robot has fallen."""
 _CHECK = 0.2
-"""Between two looks at where it is and whether it has fallen [s]."""
-_NEAR, _ALIGNED = 0.3, 0.05
-"""When the robot is at a place [m], and when it has a heading [rad]."""
-_AWAY = 0.5
-"""A robot whose heading is further away from the place it goes to turns first [rad]."""
-_TURN_GAIN, _TURN_RATE = 1.0, 0.6
-"""Of the yaw rate over the angle that is left [1/s], and the greatest [rad/s]."""
+"""Between two looks at whether it has fallen [s]."""
 
 
 def place(session: Session) -> Array:
@@ -29,51 +22,6 @@ def place(session: Session) -> Array:
     assert session.truth is not None
     at = session.truth.pose.pose.position
     return np.array([at.x, at.y, at.z])
-
-
-def heading(session: Session) -> float:
-    """Return the true heading of the base in world [rad]."""
-    assert session.truth is not None
-    q = session.truth.pose.pose.orientation
-    return float(Rotation.from_quat((q.x, q.y, q.z, q.w)).as_euler("ZYX")[0])
-
-
-def walk_to(session: Session, x: float, y: float, speed: float) -> None:
-    """Walk to a place in world [m] by sight, as a pilot does.
-
-    Raises:
-        SessionError: it takes more than three times as long as the way at that speed [m/s].
-    """
-    away = _to(session, x, y)
-    end = session.time + 10.0 + 3.0 * float(np.hypot(*away)) / speed
-    while np.hypot(*away) > _NEAR:
-        if session.time > end:
-            raise SessionError(f"the robot does not get to ({x:g}, {y:g}) m, {place(session)} m")
-        turn = math.remainder(math.atan2(away[1], away[0]) - heading(session), math.tau)
-        ahead = speed if abs(turn) < _AWAY else 0.0
-        walk(session, _CHECK, (ahead, 0.0, _turn_rate(turn)))
-        away = _to(session, x, y)
-
-
-def face(session: Session, yaw: float) -> None:
-    """Turn to a heading in world [rad], by sight.
-
-    Raises:
-        SessionError: it takes too long.
-    """
-    end = session.time + 20.0
-    while abs(turn := math.remainder(yaw - heading(session), math.tau)) > _ALIGNED:
-        if session.time > end:
-            raise SessionError(f"the robot does not get to a heading of {yaw:g} rad")
-        walk(session, _CHECK, (0.0, 0.0, _turn_rate(turn)))
-
-
-def _to(session: Session, x: float, y: float) -> Array:
-    return np.array((x, y)) - place(session)[:2]
-
-
-def _turn_rate(turn: float) -> float:
-    return min(_TURN_RATE, max(-_TURN_RATE, _TURN_GAIN * turn))
 
 
 def has_fallen(session: Session, course: Course, stand_height: float = 0.5) -> bool:

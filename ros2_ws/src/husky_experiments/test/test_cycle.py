@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from husky_description.robot import load_robot
-from husky_experiments import gap_course
-from husky_experiments.gap_course import FLYING, GapCourse
+from husky_experiments.gap_course import GapCourse
 from husky_experiments.metrics import cycle
 from husky_experiments.metrics.morph import MorphTimes
 from husky_experiments.recordings.recording import Recording
 from husky_experiments.recordings.tables import Base, Fans
 from husky_experiments.session import Session, SessionError
+from husky_experiments.steering import FLYING, go_to
 from husky_sim.terrain import TerrainOptions
 
 BETA = load_robot("beta")
@@ -119,11 +119,11 @@ class Glider:
 @pytest.mark.parametrize("yaw", [0.0, 0.3, -0.3])
 def test_it_comes_to_its_goal_and_turns_its_nose_ahead(yaw: float) -> None:
     glider = Glider(yaw)
-    gap_course.go_to(cast(Session, glider), (5.0, 0.2), FLYING, within=25.0)
+    go_to(cast(Session, glider), (5.0, 0.2), FLYING, within=25.0)
     assert np.hypot(*(glider.at - (5.0, 0.2))) < FLYING.near
     assert abs(glider.yaw) < 0.02 and glider.wish == (0.0, 0.0, 0.0)
 
 
 def test_a_goal_that_is_too_far_is_said_so() -> None:
     with pytest.raises(SessionError, match=r"not at its goal within 2 s: 3\.94 m"):
-        gap_course.go_to(cast(Session, Glider(0.0)), (5.0, 0.0), FLYING, within=2.0)
+        go_to(cast(Session, Glider(0.0)), (5.0, 0.0), FLYING, within=2.0)

@@ -12,7 +12,7 @@ from husky_experiments.figures import video
 from husky_experiments.figures.cycle import cycle_figure
 from husky_experiments.figures.perch import perch_figure
 from husky_experiments.figures.stroboscope import Moment, stroboscope
-from husky_experiments.gap_course import FLYING, TROTTING, GapCourse, go_to, place, trot_to
+from husky_experiments.gap_course import GapCourse
 from husky_experiments.metrics import cycle
 from husky_experiments.metrics.morph import MorphTimes, as_metrics, morph_times, perch_stability
 from husky_experiments.metrics.walking import lowest_upright
@@ -28,6 +28,7 @@ from husky_experiments.recordings.recording import Recording
 from husky_experiments.run import SCENE_FILE, Run
 from husky_experiments.scripts import stand_up
 from husky_experiments.session import Session, SessionError
+from husky_experiments.steering import FLYING, TROTTING, go_to, place, trot_to
 from husky_runtime import graph
 
 _TROT, _FLIGHT = 2.0, 5.0

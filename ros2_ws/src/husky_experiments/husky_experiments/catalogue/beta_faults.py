@@ -10,7 +10,6 @@ from typing import NoReturn
 import numpy as np
 
 from husky_description.robot import LEG_NAMES, load_robot
-from husky_experiments.gap_course import FLYING, go_to, place, trot_to
 from husky_experiments.metrics.endings import SINK_BOUND, Ending, ending
 from husky_experiments.morph_scripts import (
     become_legged,
@@ -23,6 +22,7 @@ from husky_experiments.morph_scripts import (
 from husky_experiments.run import Run
 from husky_experiments.scripts import stand_up
 from husky_experiments.session import Session
+from husky_experiments.steering import FLYING, go_to, place, trot_to
 from husky_msgs.srv import SetMode
 from husky_runtime import graph
 

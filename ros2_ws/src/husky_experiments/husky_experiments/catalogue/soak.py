@@ -19,7 +19,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 
-from husky_experiments.climb_scripts import climb_onto, face, go, walk_down, walk_to
+from husky_experiments.climb_scripts import climb_onto, go, walk_down
 from husky_experiments.incline_course import Course, climbing_settings
 from husky_experiments.metrics.message_counts import (
     MISSED_TICKS,
@@ -35,6 +35,7 @@ from husky_experiments.pilot import Pilot
 from husky_experiments.run import Run
 from husky_experiments.scripts import finish_assisted, ready_fans, stand_up, stop_walking, walk
 from husky_experiments.session import Session, SessionError
+from husky_experiments.steering import Steering, trot_to
 from husky_msgs.srv import PlanCycle
 from husky_runtime import graph
 
@@ -51,8 +52,10 @@ _CLIMB = 120.0
 """Time that going there, the climb and the way back take, with a margin [s]."""
 _SPEED, _UP, _REST = 0.25, 8.0, 2.0
 """Of the climb [m/s]; how long it goes up on the straight, and stands there [s]."""
-_PACE = 0.4
-"""Of the way there and back [m/s]."""
+_PACE = Steering(0.4, 1.0, 0.15, 0.3)
+"""Of the way there and back."""
+_WAY = 60.0
+"""Time that the way there or back takes at most [s]."""
 _OWN = "experiment"
 _PLANS = 110
 """More than the planner remembers."""
@@ -243,9 +246,8 @@ class _Operator:
         session = self._session
         assert session is not None
         session.set_parameter(graph.LOW_LEVEL_CONTROLLER, "assist.share", 0.0)
-        walk_to(session, _COURSE.approach - Course.approach, 0.0, _PACE)
-        face(session, 0.0)
         stop_walking(session)
+        trot_to(session, (_COURSE.approach - Course.approach, 0.0), _WAY, _PACE)
         session.set_mode("wair", reached="wair", within=1.0)
         stands = (
             climb_onto(session, _COURSE, _SPEED)
@@ -256,7 +258,7 @@ class _Operator:
         )
         if stands:
             session.set_mode("stand", reached="stand", within=3.0, patience=2.0)
-            walk_to(session, 0.0, 0.0, _PACE)
+            trot_to(session, (0.0, 0.0), _WAY, _PACE)
         return stands
 
     def _plan(self, session: Session) -> None:
