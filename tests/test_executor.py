@@ -169,3 +169,22 @@ def test_hot_messages_are_served_in_the_order_in_which_they_came(node, hot):
     assert served == sent
     executor.close()
     other.destroy_node()
+
+
+def test_what_comes_over_a_wire_while_it_waits_is_carried_at_once(node, monkeypatch):
+    """Not after another wait, on everything, which may take 50 ms."""
+    wire, carried = [], []
+
+    def carry():
+        carried.extend(wire)
+        return bool(wire) and not wire.clear()
+
+    node.hot_wires = (carry,)
+    executor = WaitSetExecutor(node, [])
+    try:
+        executor.spin_once()  # makes its wait set
+        monkeypatch.setattr(executor, "_wait_hot", lambda: not wire.append("bytes"))
+        executor.spin_once()
+        assert carried == ["bytes"]
+    finally:
+        executor.close()

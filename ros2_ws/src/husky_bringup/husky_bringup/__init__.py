@@ -1,1 +1,1 @@
-"""Launch and parameter files, recorder, teleoperation."""
+"""Launch and parameter files, recorder, teleoperation, gateway."""

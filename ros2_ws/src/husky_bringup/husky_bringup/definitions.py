@@ -13,6 +13,7 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 _RULE = "=" * 80
+_HALVES = re.compile(r"^---[ \t]*\n", re.MULTILINE)
 _WORDS = {"boolean": "bool", "octet": "byte", "float": "float32", "double": "float64"}
 """Types whose names differ in Python's interfaces and in `.msg` files."""
 
@@ -37,7 +38,8 @@ class Definitions:
         """Return the definition of a type, and of all that it is made of, as rosbag2 writes it.
 
         Args:
-            message_type: e.g. "sensor_msgs/msg/Imu".
+            message_type: e.g. "sensor_msgs/msg/Imu"; or half of a service,
+                "std_srvs/srv/Trigger_Request" or "..._Response".
 
         Raises:
             UnknownTypeError: there is no such type, or none that can be read.
@@ -54,7 +56,7 @@ class Definitions:
         found = [message_type]
         for each in found:  # which grows
             self._learn(each)
-            _, fields = self.typestore.fielddefs[each]
+            _, fields = self.typestore.fielddefs[_to_rosbags(each)]
             for _, field in fields:
                 found += [name for name in _names(field) if name not in found]
         return found
@@ -64,7 +66,7 @@ class Definitions:
             return
         try:
             text = _installed(message_type)
-            self.typestore.register(get_types_from_msg(text, message_type))
+            self.typestore.register(get_types_from_msg(text, _to_rosbags(message_type)))
         except Exception as error:  # of whatever somebody's package does when it is imported
             raise UnknownTypeError(f"{message_type}: {error}") from error
         self._texts[message_type] = text
@@ -86,13 +88,31 @@ def message_class(message_type: str) -> Any:
 
 
 def _installed(message_type: str) -> str:
-    """Return the `.msg` file of a type; where it has none, what its class tells of it."""
+    """Return the definition of a type as its file has it; without one, what its class tells."""
     package, kind, name = message_type.split("/")
     try:
-        return Path(get_package_share_directory(package), kind, f"{name}.msg").read_text("utf-8")
+        share = Path(get_package_share_directory(package), kind)
+        if kind == "msg":
+            return (share / f"{name}.msg").read_text("utf-8")
+        service, _, half = name.rpartition("_")
+        halves = _HALVES.split((share / f"{service}.srv").read_text("utf-8"))
+        return halves[("Request", "Response").index(half)]
     except (PackageNotFoundError, OSError):
-        fields = message_class(message_type).get_fields_and_field_types()
+        fields = _class_of(package, kind, name).get_fields_and_field_types()
         return "".join(f"{_as_msg(what)} {field}\n" for field, what in fields.items())
+
+
+def _to_rosbags(message_type: str) -> str:
+    """Return a type's name as rosbags knows it, for which all are messages."""
+    return message_type.replace("/srv/", "/msg/")
+
+
+def _class_of(package: str, kind: str, name: str) -> Any:
+    """Return the class of a message, or of half a service."""
+    if kind == "msg":
+        return message_class(f"{package}/{kind}/{name}")
+    service, _, half = name.rpartition("_")
+    return getattr(getattr(importlib.import_module(f"{package}.{kind}"), service), half)
 
 
 def _as_msg(what: str) -> str:

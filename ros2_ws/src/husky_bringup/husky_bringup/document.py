@@ -27,6 +27,7 @@ Table = list[tuple[str, ...]]
 
 BY_HAND = "what it is"
 EVERY_TOPIC = "every topic of the graph"
+EVERY_SERVICE = "every service of the graph"
 _BLOCK = re.compile(r"(<!-- begin (?P<name>[^>]+?) -->\n)(?P<body>.*?)(<!-- end -->)", re.DOTALL)
 _UNIT = re.compile(r" ?\[([^\[\]]+)\]")
 _GAIT = re.compile(r"gait\.(?P<gait>\w+)\.(?P<column>\w+)")
@@ -127,6 +128,9 @@ def _services(nodes: Graph) -> Table:
 def _interface(node: Interface) -> Table:
     if {topic.name for topic in graph.TOPICS} <= {name for name, _ in node.subscribes}:
         return [("", "name", BY_HAND), ("subscribes to", EVERY_TOPIC, "")]
+    if node.name == graph.FOXGLOVE_GATEWAY:  # while clients listen to them
+        every = [("subscribes to", EVERY_TOPIC, ""), ("calls service", EVERY_SERVICE, "")]
+        return [("", "name", BY_HAND), *every]
     rows = [
         ("offers action" if "/action/" in kind else verb, _code(name), _code(kind), "")
         for verb, found in (

@@ -39,8 +39,9 @@ _PATIENCE = 60.0
 _FITTED: dict[str, dict[str, tuple[ParameterValue, ParameterValue]]] = {
     graph.PLANT: {"body": ("robot_with_unit", "robot")},
     graph.LOW_LEVEL_CONTROLLER: {"propulsion": (True, False)},
+    graph.FOXGLOVE_GATEWAY: {"port": (0, 8765)},
 }
-"""Parameters that decide what a node offers: as it is looked at, and by default."""
+"""Parameters with which a node is looked at, to see all that it offers, and their defaults."""
 
 Result = TypeVar("Result")
 
@@ -83,16 +84,19 @@ def all_nodes() -> tuple[NodeSpec, ...]:
     """Return every node there is; each starts with its own defaults, but with the fans fitted."""
     body: dict[str, ParameterValue] = {"body": "robot_with_unit"}
     specs = simulated_robot(settings={graph.PLANT: body}, record="-", remote=True)
-    others = (NodeSpec("husky_control", graph.PLANNER), NodeSpec("husky_bringup", graph.TELEOP))
-    fitted = (
+    others = (
+        NodeSpec("husky_control", graph.PLANNER),
+        NodeSpec("husky_bringup", graph.TELEOP),
+        NodeSpec("husky_bringup", graph.FOXGLOVE_GATEWAY),
+    )
+    return tuple(
         NodeSpec(
             spec.package,
             spec.executable,
             {name: value for name, (value, _) in _FITTED.get(spec.name, {}).items()},
         )
-        for spec in specs
+        for spec in (*specs, *others)
     )
-    return (*fitted, *others)
 
 
 @contextlib.contextmanager

@@ -80,6 +80,7 @@ RC_TRANSMITTER = "rc_transmitter"
 T265_DRIVER = "t265_driver"
 RECORDER = "recorder"
 TELEOP = "teleop"
+FOXGLOVE_GATEWAY = "foxglove_gateway"
 
 NODES = (
     PLANT,
@@ -191,7 +192,7 @@ TOPICS = (
     Topic(
         DIAGNOSTICS,
         "diagnostic_msgs/msg/DiagnosticArray",
-        (*NODES, RECORDER),
+        (*NODES, RECORDER, FOXGLOVE_GATEWAY),
         "STATUS",
         1.0,
     ),

@@ -9,9 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import Any
 
-from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
@@ -26,6 +24,7 @@ from rosbags.interfaces import (
 
 from husky_bringup.bag import BagChannel, BagWriter
 from husky_bringup.definitions import Definitions, message_class
+from husky_bringup.nodes.raw_subscription import RawSubscription
 from husky_bringup.nodes.topic_search import EVERYTHING, TopicSearch
 from husky_runtime import graph
 from husky_runtime.nodes import diagnostics, qos
@@ -61,12 +60,10 @@ def to_rosbags(profile: QoSProfile) -> Qos:
 
 @dataclass(slots=True)
 class _Source:
-    """A subscription, what it holds at most, and where its messages go."""
+    """A subscription and where its messages go."""
 
-    handle: Any
-    message_class: Any
+    subscription: RawSubscription
     channel: BagChannel
-    depth: int
 
 
 class Recorder(OneClock, Node):
@@ -129,32 +126,18 @@ class Recorder(OneClock, Node):
             self._search.begin(topic, record)
 
     def _subscribe(self, channel: BagChannel, offered: QoSProfile, depth: int) -> _Source:
-        """Make a subscription that this node alone looks at."""
-        profile = QoSProfile(
-            history=offered.history,
-            depth=depth,
-            reliability=offered.reliability,
-            durability=offered.durability,
-        )
-        kind = message_class(channel.topic.type)
-        with self.handle:
-            handle = _rclpy.Subscription(
-                self.handle, kind, channel.topic.name, profile.get_c_qos_profile()
-            )
-        handle.__enter__()
-        return _Source(handle, kind, channel, depth)
+        return _Source(RawSubscription(self, channel.topic, offered, depth), channel)
 
     def _drain(self) -> None:
         """Write what the queues hold."""
         write = self._bag.write
         for source in self._sources:
-            take, message_class = source.handle.take_message, source.message_class
-            channel = source.channel
-            for _ in range(source.depth):
-                taken = take(message_class, True)
-                if taken is None:
+            take, channel = source.subscription.take, source.channel
+            for _ in range(source.subscription.depth):
+                message = take()
+                if message is None:
                     break
-                write(channel, taken[0])
+                write(channel, message)
         self._end_if_full()
 
     def _flush(self) -> None:
@@ -197,8 +180,7 @@ class Recorder(OneClock, Node):
         self._drain()
         self._bag.close()
         for source in self._sources:
-            source.handle.__exit__(None, None, None)
-            source.handle.destroy_when_not_in_use()
+            source.subscription.close()
         self._sources = []
         with contextlib.suppress(OSError):  # the log may be on the disk that is full
             print(self._bag.report(), flush=True)

@@ -1,4 +1,4 @@
-"""Which topics there are to record: those of the graph's table, and whatever else is found."""
+"""Topics to follow: those of the graph's table, and whatever else is found."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ EVERYTHING = "*"
 OF_ALL = ("/rosout", "/parameter_events")
 """Topics of ROS that are in no namespace."""
 MOST = 500
-"""Topics that are recorded; a bag has a queue and a subscription for each."""
+"""Topics that are followed; each has a queue."""
 
 
 class TopicSearch:
     """Looks for topics that match, and tells each once.
 
     Attributes:
-        skipped: topics that cannot be recorded, and why.
+        skipped: topics that cannot be followed, and why.
     """
 
     def __init__(self, node: Node, patterns: Sequence[str]):
@@ -41,7 +41,6 @@ class TopicSearch:
                 raise ValueError(f"topics has {pattern!r}, a name begins with / or *")
         self.skipped: dict[str, str] = {}
         self._node, self._patterns = node, patterns
-        self._below = node.get_namespace().rstrip("/") + "/"
         self._told: set[str] = set()
 
     def rows(self) -> list[graph.Topic]:
@@ -73,26 +72,16 @@ class TopicSearch:
             else:
                 yield graph.Topic(name, types[0], (), "", 0.0), profile
 
-    def begin(self, topic: graph.Topic, record: Callable[[], None]) -> None:
-        """Begin to record a topic, or note why that cannot be done."""
+    def begin(self, topic: graph.Topic, follow: Callable[[], None]) -> None:
+        """Begin to follow a topic, or note why that cannot be done."""
         try:
-            record()
+            follow()
         except Exception as error:  # of whatever its package does when it is imported
             self.skipped[topic.name] = f"{type(error).__name__}: {error}"
-            self._node.get_logger().warning(
-                f"{topic.name} is not recorded: {self.skipped[topic.name]}"
-            )
+            self._node.get_logger().warning(f"{topic.name} is left out: {self.skipped[topic.name]}")
 
     def _is_wanted(self, name: str) -> bool:
-        """Hidden topics, which have a part that begins with _, are those of actions."""
-        if name in self._patterns:
-            return True
-        if any(part.startswith("_") for part in name.split("/")):
-            return False
-        return any(
-            fnmatchcase(name, pattern) and (name.startswith(self._below) or name in OF_ALL)
-            for pattern in self._patterns
-        )
+        return is_wanted(name, self._patterns, self._node.get_namespace())
 
     def _profile(self, name: str) -> QoSProfile | None:
         """Return what receives all that its publishers offer, None while there are none."""
@@ -106,3 +95,24 @@ class TopicSearch:
             reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
             durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
         )
+
+
+def is_wanted(name: str, patterns: Sequence[str], namespace: str) -> bool:
+    """Return whether a topic or a service matches.
+
+    Those that are hidden, with a part that begins with _, are of actions.
+
+    Args:
+        name: in full.
+        patterns: full names; those in which * stands for any text match below the namespace.
+        namespace: of the robot.
+    """
+    if name in patterns:
+        return True
+    if any(part.startswith("_") for part in name.split("/")):
+        return False
+    below = namespace.rstrip("/") + "/"
+    return any(
+        fnmatchcase(name, pattern) and (name.startswith(below) or name in OF_ALL)
+        for pattern in patterns
+    )

@@ -42,7 +42,7 @@ _QUIET_NS = 2_000_000
 """Longest wait on hot entities before the rest of the node is looked at [ns]."""
 _IDLE_AFTER = 100
 """Quiet waits in a row after which the full wait set is used."""
-_REST_EVERY = 64
+_REST_EVERY = 16
 """Hot messages between two looks at the rest of the node."""
 _POLL_NS = 50_000_000
 """Longest wait on everything [ns]: bounds the reaction to `stop`."""
@@ -150,7 +150,10 @@ class WaitSetExecutor:
             self._quiet_waits = 0
         elif self._hot_wait_set is None:
             self._make_hot_wait_set()
-        elif not self._wait_hot():
+        elif self._wait_hot():
+            if self._serve_hot():
+                self._quiet_waits = 0
+        else:
             self._quiet_waits += 1
             if self._on_quiet is not None:
                 self._on_quiet()

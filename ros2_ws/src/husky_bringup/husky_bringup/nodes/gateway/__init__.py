@@ -1,0 +1,1 @@
+"""Parts of the node `foxglove_gateway`: topics, services, and what clients publish."""

@@ -1,0 +1,176 @@
+"""Parameters of all nodes, read and set from outside, by full names such as `/plant.terrain`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Future
+from typing import Any
+
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
+from rclpy.node import Node
+from rclpy.parameter import parameter_value_to_python
+
+from husky_bringup.nodes.service_calls import CallError, ServiceCalls
+
+_LIST = "/list_parameters"
+_LIST_TYPE = "rcl_interfaces/srv/ListParameters"
+_SCALARS: Mapping[int, tuple[str, type]] = {
+    ParameterType.PARAMETER_BOOL: ("bool_value", bool),
+    ParameterType.PARAMETER_INTEGER: ("integer_value", int),
+    ParameterType.PARAMETER_DOUBLE: ("double_value", float),
+    ParameterType.PARAMETER_STRING: ("string_value", str),
+}
+_LISTS: Mapping[int, tuple[str, type]] = {
+    ParameterType.PARAMETER_BOOL_ARRAY: ("bool_array_value", bool),
+    ParameterType.PARAMETER_INTEGER_ARRAY: ("integer_array_value", int),
+    ParameterType.PARAMETER_DOUBLE_ARRAY: ("double_array_value", float),
+    ParameterType.PARAMETER_STRING_ARRAY: ("string_array_value", str),
+}
+"""Field and type of a value by its kind; of bytes we have no parameters."""
+
+
+class RemoteParameters:
+    """Reads and sets parameters for any thread but the node's, which it waits for."""
+
+    def __init__(self, node: Node, calls: ServiceCalls):
+        """Look at the graph through a node, call through its calls."""
+        self._node, self._calls = node, calls
+
+    def nodes(self) -> list[str]:
+        """Return the full names of the nodes that have parameters, without this one."""
+        own = self._node.get_fully_qualified_name()
+        found = [
+            name.removesuffix(_LIST)
+            for name, types in self._node.get_service_names_and_types()
+            if name.endswith(_LIST) and types == [_LIST_TYPE]
+        ]
+        return sorted(name for name in found if name != own)
+
+    def read(self, names: Sequence[str] = ()) -> dict[str, Any]:
+        """Return values by full names, of parameters that have one, of nodes that answer.
+
+        Args:
+            names: of parameters; all of all nodes when there are none.
+        """
+        return {name: to_python(value) for name, value in self._messages(names).items()}
+
+    def write(self, values: Mapping[str, Any]) -> list[str]:
+        """Set parameters; return why some of them have not been set, a line each.
+
+        Args:
+            values: by full names; a whole number will do where a float is wanted, and the other
+                way round, as JSON knows no difference.
+        """
+        current, refused = self._messages(list(values)), []
+        calls: dict[str, Future[Any]] = {}
+        for name, value in values.items():
+            node, _, parameter = name.partition(".")
+            if name not in current:
+                refused.append(f"there is no parameter {name}")
+                continue
+            try:
+                wanted = Parameter(name=parameter, value=to_message(current[name].type, value))
+            except ValueError as error:
+                refused.append(f"{name}: {error}")
+                continue
+            request = SetParameters.Request(parameters=[wanted])
+            calls[name] = self._calls.call(f"{node}/set_parameters", SetParameters, request)
+        for name, call in calls.items():
+            try:
+                result = call.result().results[0]
+            except (CallError, IndexError) as error:
+                refused.append(f"{name}: {error}")
+                continue
+            if not result.successful:
+                refused.append(f"{name}: {result.reason}")
+        return refused
+
+    def _messages(self, names: Sequence[str]) -> dict[str, ParameterValue]:
+        known = self.nodes()
+        asked: dict[str, list[str]] = {} if names else self._lists(known)
+        for name in names:
+            node, _, parameter = name.partition(".")
+            if node in known:
+                asked.setdefault(node, []).append(parameter)
+        calls = {
+            node: self._calls.call(
+                f"{node}/get_parameters", GetParameters, GetParameters.Request(names=wanted)
+            )
+            for node, wanted in asked.items()
+            if wanted
+        }
+        found: dict[str, ParameterValue] = {}
+        for node, call in calls.items():
+            answer = _answer(call)
+            if answer is not None:  # a node leaves out all when one is unknown to it
+                pairs = zip(asked[node], answer.values, strict=False)
+                found |= {f"{node}.{name}": value for name, value in pairs}
+        unset = ParameterType.PARAMETER_NOT_SET
+        return {name: value for name, value in found.items() if value.type != unset}
+
+    def _lists(self, nodes: Sequence[str]) -> dict[str, list[str]]:
+        """Return the names of the parameters of nodes; those that do not answer have none."""
+        calls = {
+            node: self._calls.call(f"{node}{_LIST}", ListParameters, ListParameters.Request())
+            for node in nodes
+        }
+        answers = {node: _answer(call) for node, call in calls.items()}
+        return {node: list(each.result.names) for node, each in answers.items() if each}
+
+
+def to_python(value: ParameterValue) -> Any:
+    """Return a value as bool, int, float, str or a list of them, or as bytes."""
+    found = parameter_value_to_python(value)
+    if value.type == ParameterType.PARAMETER_BYTE_ARRAY:
+        return b"".join(found)
+    return found.tolist() if hasattr(found, "tolist") else found
+
+
+def to_message(kind: int, value: Any) -> ParameterValue:
+    """Return a value as a node takes it.
+
+    Args:
+        kind: one of `ParameterType`.
+        value: of that kind, or a number that is the same in it.
+
+    Raises:
+        ValueError: it is of another kind.
+    """
+    message = ParameterValue(type=kind)
+    if kind in _SCALARS:
+        field, wanted = _SCALARS[kind]
+        setattr(message, field, _as(wanted, value))
+    elif kind in _LISTS and isinstance(value, list | tuple):
+        field, wanted = _LISTS[kind]
+        setattr(message, field, [_as(wanted, each) for each in value])
+    else:
+        what = f"a list of {_LISTS[kind][1].__name__}" if kind in _LISTS else "what can be set"
+        raise ValueError(f"{value!r} is not {what}")
+    return message
+
+
+def _as(wanted: type, value: Any) -> Any:
+    """Return a value as a type.
+
+    Raises:
+        ValueError: it is of another one.
+    """
+    found: Any = value
+    if wanted is int and type(value) is float and value.is_integer():
+        found = int(value)
+    if type(found) is int and found.bit_length() > 63:
+        raise ValueError(f"{str(value)[:20]}... has more than 63 bits")
+    if wanted is float and type(found) is int:
+        found = float(found)
+    if type(found) is not wanted:
+        raise ValueError(f"{value!r} is no {wanted.__name__}")
+    return found
+
+
+def _answer(call: Future[Any]) -> Any:
+    """Return an answer, None when there is none."""
+    try:
+        return call.result()
+    except CallError:
+        return None

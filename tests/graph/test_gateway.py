@@ -1,0 +1,100 @@
+"""The walking robot in the hands of a client of `foxglove_gateway`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from foxglove_client import FoxgloveClient
+from geometry_msgs.msg import Twist
+from node_bench import NodeBench
+from rclpy.serialization import serialize_message
+
+from husky_runtime import graph
+from husky_runtime.nodes.diagnostics import PERIOD
+
+pytestmark = pytest.mark.graph
+
+CMD_VEL = graph.absolute(graph.CMD_VEL)
+EMERGENCY_STOP = graph.absolute(graph.DRIVES_EMERGENCY_STOP)
+WAKES = f"/{graph.LOW_LEVEL_CONTROLLER}.walk_on_command"
+
+
+class Gateway(NodeBench):
+    """The process beside the robot, and clients of it."""
+
+    def __init__(self, domain: int, directory: Path):
+        super().__init__(domain, directory, "husky_bringup.nodes.foxglove_gateway")
+        self.clients: list[FoxgloveClient] = []
+        self.start(**{"port": 0, PERIOD: 0.2})
+        mine = "foxglove"
+        report = self.wait_for_report(lambda each: each.hardware_id == mine, "the first report")
+        self.address = report["address"]
+
+    def client(self) -> FoxgloveClient:
+        """Connect a client, which has seen what there is."""
+        client = FoxgloveClient(self.address)
+        self.clients.append(client)
+        self.wait(lambda: EMERGENCY_STOP in client.services, "the emergency stop")
+        return client
+
+    def set(self, client: FoxgloveClient, name: str, value: Any) -> None:
+        """Set a parameter of the robot."""
+        done = client.set_parameter(name, value)
+        self.wait(lambda: done in client.answered, name)
+        assert not client.statuses, client.statuses
+
+    def _give_back(self) -> None:
+        for client in self.clients:
+            client.close()
+        super()._give_back()
+
+
+@pytest.fixture(scope="module")
+def gateway(domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Gateway]:
+    gateway = Gateway(domain, tmp_path_factory.mktemp("gateway"))
+    yield gateway
+    gateway.close()
+
+
+def test_a_client_that_is_lost_drives_no_longer(standing: Any, gateway: Gateway) -> None:
+    client = gateway.client()
+    gateway.set(client, WAKES, True)
+    try:
+        client.advertise(CMD_VEL, "geometry_msgs/msg/Twist")
+        twist = Twist()
+        twist.linear.x = 0.3
+
+        def walks() -> bool:
+            client.publish(serialize_message(twist))
+            state = standing.session.state
+            return bool(standing.mode == "walk" and state.commanded_velocity[0] > 0.29)
+
+        standing.until(walks, "walk", within=20.0, step=0.1)
+        client.break_off()
+        standing.until(lambda: standing.mode == "stand", "stand", within=4.0)
+        assert list(standing.session.state.commanded_velocity) == [0.0, 0.0, 0.0]
+    finally:
+        gateway.set(gateway.client(), WAKES, False)
+
+
+def test_an_emergency_stop_beside_a_client_that_does_not_read(
+    trotting: Any, gateway: Gateway, record_property: Any
+) -> None:
+    """No torque acts later than 0.1 s of simulated time; the world waits for nobody meanwhile."""
+    stalled, client = gateway.client(), gateway.client()
+    heard = client.subscribe(graph.absolute(graph.TF))
+    stalled.subscribe(graph.absolute(graph.TF))
+    with stalled.held():
+        trotting.until(lambda: bool(heard), "a transform at the client", within=20.0, step=0.1)
+        stopped = trotting.watch()
+        call = client.call(EMERGENCY_STOP)
+        trotting.session.advance(0.5)
+        gateway.wait(lambda: call in client.answers, "the answer")
+        record_property("reaction_s", trotting.torque_ends(stopped))
+    drives = trotting.session.drives
+    assert drives.emergency_stop and trotting.mode == "damping", trotting.seen
+    trotting.session.set_mode("passive")
+    trotting.recover()
