@@ -111,3 +111,21 @@ def node(domain: int) -> Iterator[Any]:
     yield node
     node.destroy_node()
     rclpy.shutdown(context=context)
+
+
+@pytest.fixture(scope="module")
+def gateway_of_module(domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    """A `foxglove_gateway` without a robot: its process takes longer to start than a test."""
+    from gateway_bench import AloneBench
+
+    gateway = AloneBench(domain, tmp_path_factory.mktemp("gateway"))
+    yield gateway
+    gateway.close()
+
+
+@pytest.fixture
+def gateway(gateway_of_module: Any) -> Iterator[Any]:
+    """The gateway before its first client (`gateway_bench.AloneBench`)."""
+    gateway_of_module.serve(connections=20)
+    yield gateway_of_module
+    gateway_of_module.begin_anew()

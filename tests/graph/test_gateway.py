@@ -3,42 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
 from foxglove_client import FoxgloveClient
+from gateway_bench import CMD_VEL, GatewayBench
 from geometry_msgs.msg import Twist
-from node_bench import NodeBench
 from rclpy.serialization import serialize_message
 
 from husky_runtime import graph
-from husky_runtime.nodes.diagnostics import PERIOD
 
 pytestmark = pytest.mark.graph
 
-CMD_VEL = graph.absolute(graph.CMD_VEL)
 EMERGENCY_STOP = graph.absolute(graph.DRIVES_EMERGENCY_STOP)
 WAKES = f"/{graph.LOW_LEVEL_CONTROLLER}.walk_on_command"
 
 
-class Gateway(NodeBench):
-    """The process beside the robot, and clients of it."""
-
-    def __init__(self, domain: int, directory: Path):
-        super().__init__(domain, directory, "husky_bringup.nodes.foxglove_gateway")
-        self.clients: list[FoxgloveClient] = []
-        self.start(**{"port": 0, PERIOD: 0.2})
-        mine = "foxglove"
-        report = self.wait_for_report(lambda each: each.hardware_id == mine, "the first report")
-        self.address = report["address"]
-
-    def client(self) -> FoxgloveClient:
-        """Connect a client, which has seen what there is."""
-        client = FoxgloveClient(self.address)
-        self.clients.append(client)
-        self.wait(lambda: EMERGENCY_STOP in client.services, "the emergency stop")
-        return client
+class Gateway(GatewayBench):
+    """The process beside the robot."""
 
     def set(self, client: FoxgloveClient, name: str, value: Any) -> None:
         """Set a parameter of the robot."""
@@ -46,21 +28,17 @@ class Gateway(NodeBench):
         self.wait(lambda: done in client.answered, name)
         assert not client.statuses, client.statuses
 
-    def _give_back(self) -> None:
-        for client in self.clients:
-            client.close()
-        super()._give_back()
-
 
 @pytest.fixture(scope="module")
 def gateway(domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Gateway]:
     gateway = Gateway(domain, tmp_path_factory.mktemp("gateway"))
+    gateway.serve()
     yield gateway
     gateway.close()
 
 
 def test_a_client_that_is_lost_drives_no_longer(standing: Any, gateway: Gateway) -> None:
-    client = gateway.client()
+    client = gateway.client(EMERGENCY_STOP)
     gateway.set(client, WAKES, True)
     try:
         client.advertise(CMD_VEL, "geometry_msgs/msg/Twist")
@@ -77,14 +55,14 @@ def test_a_client_that_is_lost_drives_no_longer(standing: Any, gateway: Gateway)
         standing.until(lambda: standing.mode == "stand", "stand", within=4.0)
         assert list(standing.session.state.commanded_velocity) == [0.0, 0.0, 0.0]
     finally:
-        gateway.set(gateway.client(), WAKES, False)
+        gateway.set(gateway.client(EMERGENCY_STOP), WAKES, False)
 
 
 def test_an_emergency_stop_beside_a_client_that_does_not_read(
     trotting: Any, gateway: Gateway, record_property: Any
 ) -> None:
     """No torque acts later than 0.1 s of simulated time; the world waits for nobody meanwhile."""
-    stalled, client = gateway.client(), gateway.client()
+    stalled, client = gateway.client(EMERGENCY_STOP), gateway.client(EMERGENCY_STOP)
     heard = client.subscribe(graph.absolute(graph.TF))
     stalled.subscribe(graph.absolute(graph.TF))
     with stalled.held():

@@ -45,7 +45,7 @@ _FIRST = re.compile(rf"{_WORD} (/[!-~]*) HTTP/1\.[0-9]")
 _HEADER = re.compile(rf"({_WORD}):([\t -~\x80-\xff]*)")  # what is not ASCII is in cookies of others
 _HOST = re.compile(r"(\[[0-9A-Fa-f:.]+\]|[0-9A-Za-z._-]+)(:[0-9]{1,5})?")
 _CONNECTION = re.compile(r"(?<=\r\n)connection:.*\r\n", re.IGNORECASE)
-_ORIGIN = re.compile(rf"[A-Za-z][0-9A-Za-z+.-]*://{_HOST.pattern}")
+_ORIGIN = re.compile(rf"[A-Za-z][0-9A-Za-z+.-]*://({_HOST.pattern})?")
 _SHOWN = re.compile(r"(?<=[?&])token=([^&]*)&?")
 
 
@@ -144,7 +144,8 @@ class WebGate:
             port: to listen on, 0 for any that is free.
             inner_port: where the server is, on this machine.
             token: to ask for; "" for one made here where it is needed, else none.
-            origins: pages that may connect, as scheme://host, besides those from here.
+            origins: pages that may connect, as scheme://host, besides those from here; file:// are
+                those of this machine's own files.
             most: connections at once.
 
         Raises:
@@ -157,6 +158,7 @@ class WebGate:
         self.token = token or (secrets.token_urlsafe(16) if self._is_open else "")
         self._origins = frozenset(each.lower() for each in origins)
         self.connections = self.refused = self._all = 0
+        self._tasks: set[asyncio.Task[None] | None] = set()
         self._loop, self._ending = asyncio.new_event_loop(), asyncio.Event()
         try:
             start = asyncio.start_server(self._serve, host, port, limit=_HEAD)
@@ -196,6 +198,8 @@ class WebGate:
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Serve a connection to its end."""
+        task = asyncio.current_task()
+        self._tasks.add(task)  # once the client has said all, nothing else would keep it alive
         self._all += 1
         try:
             if self._all > self._most + _WAITING:
@@ -207,6 +211,7 @@ class WebGate:
             pass  # it is over, whoever has ended it
         finally:
             self._all -= 1
+            self._tasks.discard(task)
             writer.transport.abort()
 
     async def _answer(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import gc
 import http.client
 import socket
+import time
 from concurrent.futures import ThreadPoolExecutor
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from urllib.parse import urljoin, urlsplit
@@ -155,9 +157,14 @@ def test_the_shortest_and_the_longest_token_will_do(gate_to: MakeGate, pages: in
 
 # Pages and names ----------------------------------------------------------------------------------
 def test_pages_from_here_and_allowed_ones_may_connect(gate_to: MakeGate, echo: int) -> None:
-    gate = gate_to(echo, origins=["https://App.example", "http://[fd00::1]:8080"])
+    gate = gate_to(echo, origins=["https://App.example", "http://[fd00::1]:8080", "file://"])
     port = gate.port
-    for origin in [f"http://127.0.0.1:{port}", "https://app.example", "http://[fd00::1]:8080"]:
+    for origin in [
+        f"http://127.0.0.1:{port}",
+        "https://app.example",
+        "http://[fd00::1]:8080",
+        "file://",
+    ]:
         with open_websocket(gate, Origin=origin) as connection:
             assert says_back(connection)
 
@@ -345,6 +352,21 @@ def test_what_is_posted_arrives_behind_a_token_in_the_address(gate_to: MakeGate)
         client.request("POST", f"/up?token={TOKEN}", b"x" * 100_000)
         assert client.getresponse().read() == b"1000\n"
         client.close()
+
+
+def test_an_answer_that_is_awaited_is_no_garbage(gate_to: MakeGate) -> None:
+    """When the client has said all, asyncio holds neither its socket nor its task."""
+
+    def handler(peer: socket.socket, head: bytes) -> None:
+        assert read_all(peer) == b"all"
+        time.sleep(0.05)  # so that the gate waits
+        gc.collect()
+        peer.sendall(PAGE)
+
+    with inner_server(handler) as port, dial(gate_to(port)) as client:
+        client.sendall(b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\nall")
+        client.shutdown(socket.SHUT_WR)
+        assert read_all(client) == PAGE
 
 
 _PIECES = [

@@ -120,8 +120,8 @@ class FoxgloveGateway(OneClock, Node):
         host = declare(self, "host", "127.0.0.1", what)
         port = declare(self, "port", 8765, "to listen on, 0 for any that is free", 0, 65535)
         token = declare(self, "token", "", "that clients show; empty for one made at the start")
-        what = "pages that may connect, as https://host"
-        origins = declare(self, "origins", ["https://app.foxglove.dev"], what)
+        what = "pages that may connect, as https://host; file:// are installed programs"
+        origins = declare(self, "origins", ["https://app.foxglove.dev", "file://"], what)
         most = declare(self, "connections", 32, "at once", 1, 1000)
         return WebGate(host, port, self._server.port, token=token, origins=origins, most=most)
 
