@@ -91,6 +91,11 @@ class FoxgloveClient:
         self._socket.socket.shutdown(socket.SHUT_RDWR)
         self._thread.join()
 
+    def join(self) -> None:
+        """Wait until the server has ended the connection."""
+        self._thread.join(60.0)
+        assert self.closed
+
     # What it asks ---------------------------------------------------------------------------
     def say(self, **message: Any) -> None:
         """Send a message of the protocol."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 from collections.abc import Callable
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import pytest
 
@@ -70,7 +71,7 @@ def test_who_does_not_read_holds_up_nobody(gateway: AloneBench) -> None:
         before = resident_mb(gateway)
         gateway.wait(lambda: len(heard) >= 100, "100 MB", lambda: gateway.words.publish(big))
         gateway.is_served()
-        assert resident_mb(gateway) - before < 60.0
+        assert resident_mb(gateway) - before < 60.0  # 16 wait here, some more in sockets and DDS
 
 
 def resident_mb(gateway: AloneBench) -> float:
@@ -92,7 +93,7 @@ def test_all_is_well_in_its_report(gateway: AloneBench) -> None:
 
 def test_a_token_is_asked_for_where_others_get_to(gateway: AloneBench) -> None:
     gateway.serve(host="0.0.0.0", token="a-good-token")
-    here = gateway.address.replace("0.0.0.0", "127.0.0.1")
+    here = f"ws://127.0.0.1:{urlsplit(gateway.address).port}"
     for address in (here, f"{here}?token=another-token"):
         with pytest.raises(InvalidStatus) as caught:
             FoxgloveClient(address)
@@ -117,8 +118,7 @@ def test_it_ends_with_clients_and_calls_under_way(gateway: AloneBench, number: i
     client.call("/slow")
     client.get_parameters()
     gateway.end(number)
-    client._thread.join(60.0)
-    assert client.closed
+    client.join()
 
 
 def test_an_address_that_is_not_here_is_named() -> None:

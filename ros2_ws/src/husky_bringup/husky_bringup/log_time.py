@@ -39,6 +39,11 @@ def read_stamp(message: bytes) -> int:
     return int(seconds) * 1_000_000_000 + int(nanoseconds) if seconds >= 0 else -1
 
 
+def near(stamp: int, present: int) -> int:
+    """Return a stamp [ns] that is near the present, for any other one the present [ns]."""
+    return stamp if stamp >= 0 and abs(stamp - present) <= WINDOW_NS else present
+
+
 class LogTime:
     """Turns stamps into log times that never jump back by more than `WINDOW_NS`.
 
@@ -99,5 +104,4 @@ class LogTime:
         """
         if self.present is None:
             raise ValueError("no message has set the present yet")
-        logged = stamp + self._shift
-        return logged if abs(logged - self.present) <= WINDOW_NS else self.present
+        return near(stamp + self._shift, self.present)

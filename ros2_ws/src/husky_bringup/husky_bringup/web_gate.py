@@ -40,6 +40,9 @@ _CHUNK = 65_536
 _WAITING = 64
 """Connections at once that are not let in: their head is awaited, or they have had an answer."""
 
+_ANY = ("", "0.0.0.0", "::")
+"""Addresses to listen on that are all of this machine's."""
+
 _WORD = r"[!#$%&'*+.^_`|~0-9A-Za-z-]+"
 _FIRST = re.compile(rf"{_WORD} (/[!-~]*) HTTP/1\.[0-9]")
 _HEADER = re.compile(rf"({_WORD}):([\t -~\x80-\xff]*)")  # what is not ASCII is in cookies of others
@@ -157,7 +160,7 @@ class WebGate:
         self._is_open = not is_loopback(host)
         self.token = token or (secrets.token_urlsafe(16) if self._is_open else "")
         self._origins = frozenset(each.lower() for each in origins)
-        self.connections = self.refused = self._all = 0
+        self.connections = self.refused = 0
         self._tasks: set[asyncio.Task[None] | None] = set()
         self._loop, self._ending = asyncio.new_event_loop(), asyncio.Event()
         try:
@@ -174,7 +177,8 @@ class WebGate:
 
     def address(self, scheme: str) -> str:
         """Return where to go, with the token."""
-        host = f"[{self._host}]" if ":" in self._host else self._host
+        host = socket.gethostname() if self._host in _ANY else self._host
+        host = f"[{host}]" if ":" in host else host
         return f"{scheme}://{host}:{self.port}" + (f"/?token={self.token}" if self.token else "")
 
     def close(self) -> None:
@@ -200,9 +204,8 @@ class WebGate:
         """Serve a connection to its end."""
         task = asyncio.current_task()
         self._tasks.add(task)  # once the client has said all, nothing else would keep it alive
-        self._all += 1
         try:
-            if self._all > self._most + _WAITING:
+            if len(self._tasks) > self._most + _WAITING:
                 self.refused += 1  # without a word, which would have to wait too
                 return
             await self._answer(reader, writer)
@@ -210,7 +213,6 @@ class WebGate:
         except (OSError, EOFError, asyncio.CancelledError):
             pass  # it is over, whoever has ended it
         finally:
-            self._all -= 1
             self._tasks.discard(task)
             writer.transport.abort()
 

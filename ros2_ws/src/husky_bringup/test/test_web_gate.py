@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import gc
 import http.client
 import socket
-import time
 from concurrent.futures import ThreadPoolExecutor
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from urllib.parse import urljoin, urlsplit
@@ -50,7 +48,7 @@ def test_an_open_gate_makes_a_token_and_tells_it(gate_to: MakeGate, pages: int) 
     gates = gate_to(pages, "0.0.0.0"), gate_to(pages, "0.0.0.0")
     assert len(gates[0].token) >= 16 and gates[0].token != gates[1].token
     port, token = gates[0].port, gates[0].token
-    assert gates[0].address("http") == f"http://0.0.0.0:{port}/?token={token}"
+    assert gates[0].address("http") == f"http://{socket.gethostname()}:{port}/?token={token}"
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "127.0.0.1"])
@@ -352,21 +350,6 @@ def test_what_is_posted_arrives_behind_a_token_in_the_address(gate_to: MakeGate)
         client.request("POST", f"/up?token={TOKEN}", b"x" * 100_000)
         assert client.getresponse().read() == b"1000\n"
         client.close()
-
-
-def test_an_answer_that_is_awaited_is_no_garbage(gate_to: MakeGate) -> None:
-    """When the client has said all, asyncio holds neither its socket nor its task."""
-
-    def handler(peer: socket.socket, head: bytes) -> None:
-        assert read_all(peer) == b"all"
-        time.sleep(0.05)  # so that the gate waits
-        gc.collect()
-        peer.sendall(PAGE)
-
-    with inner_server(handler) as port, dial(gate_to(port)) as client:
-        client.sendall(b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\nall")
-        client.shutdown(socket.SHUT_WR)
-        assert read_all(client) == PAGE
 
 
 _PIECES = [

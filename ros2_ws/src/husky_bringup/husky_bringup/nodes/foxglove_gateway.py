@@ -90,7 +90,7 @@ class FoxgloveGateway(OneClock, Node):
         self.create_timer(_SEARCH_PERIOD, self._find)
         self._gate = self._open_gate()
         self._diagnostics = diagnostics.Diagnostics(self, "foxglove", self._report)
-        self.get_logger().info(f"serving {self._gate.address('ws')}")
+        print(f"serving {self._gate.address('ws')}", flush=True)  # the token is not for /rosout
 
     def _declare_names(self) -> tuple[list[str], list[str], list[str]]:
         """Declare which topics and services there are for clients."""
@@ -137,7 +137,6 @@ class FoxgloveGateway(OneClock, Node):
 
     def _turn(self) -> None:
         """Pass on what has come."""
-        self._calls.serve()
         now = self.get_clock().now().nanoseconds or time.time_ns()
         self.feeds.forward(now)
         self._server.broadcast_time(now)

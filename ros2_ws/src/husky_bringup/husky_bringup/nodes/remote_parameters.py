@@ -6,28 +6,22 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import Future
 from typing import Any
 
-from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.msg import ParameterType, ParameterValue
 from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
 from rclpy.node import Node
-from rclpy.parameter import parameter_value_to_python
+from rclpy.parameter import Parameter, parameter_value_to_python
 
 from husky_bringup.nodes.service_calls import CallError, ServiceCalls
+from husky_bringup.nodes.topic_search import EVERYTHING, is_wanted
 
 _LIST = "/list_parameters"
 _LIST_TYPE = "rcl_interfaces/srv/ListParameters"
-_SCALARS: Mapping[int, tuple[str, type]] = {
-    ParameterType.PARAMETER_BOOL: ("bool_value", bool),
-    ParameterType.PARAMETER_INTEGER: ("integer_value", int),
-    ParameterType.PARAMETER_DOUBLE: ("double_value", float),
-    ParameterType.PARAMETER_STRING: ("string_value", str),
+_NUMBERS = {
+    Parameter.Type.INTEGER: int,
+    Parameter.Type.INTEGER_ARRAY: int,
+    Parameter.Type.DOUBLE: float,
+    Parameter.Type.DOUBLE_ARRAY: float,
 }
-_LISTS: Mapping[int, tuple[str, type]] = {
-    ParameterType.PARAMETER_BOOL_ARRAY: ("bool_array_value", bool),
-    ParameterType.PARAMETER_INTEGER_ARRAY: ("integer_array_value", int),
-    ParameterType.PARAMETER_DOUBLE_ARRAY: ("double_array_value", float),
-    ParameterType.PARAMETER_STRING_ARRAY: ("string_array_value", str),
-}
-"""Field and type of a value by its kind; of bytes we have no parameters."""
 
 
 class RemoteParameters:
@@ -38,12 +32,14 @@ class RemoteParameters:
         self._node, self._calls = node, calls
 
     def nodes(self) -> list[str]:
-        """Return the full names of the nodes that have parameters, without this one."""
-        own = self._node.get_fully_qualified_name()
+        """Return the full names of the robot's nodes that have parameters, without this one."""
+        own, namespace = self._node.get_fully_qualified_name(), self._node.get_namespace()
         found = [
             name.removesuffix(_LIST)
             for name, types in self._node.get_service_names_and_types()
-            if name.endswith(_LIST) and types == [_LIST_TYPE]
+            if name.endswith(_LIST)
+            and types == [_LIST_TYPE]
+            and is_wanted(name, (EVERYTHING,), namespace)
         ]
         return sorted(name for name in found if name != own)
 
@@ -70,11 +66,11 @@ class RemoteParameters:
                 refused.append(f"there is no parameter {name}")
                 continue
             try:
-                wanted = Parameter(name=parameter, value=to_message(current[name].type, value))
+                wanted = to_parameter(parameter, current[name].type, value)
             except ValueError as error:
                 refused.append(f"{name}: {error}")
                 continue
-            request = SetParameters.Request(parameters=[wanted])
+            request = SetParameters.Request(parameters=[wanted.to_parameter_msg()])
             calls[name] = self._calls.call(f"{node}/set_parameters", SetParameters, request)
         for name, call in calls.items():
             try:
@@ -127,45 +123,41 @@ def to_python(value: ParameterValue) -> Any:
     return found.tolist() if hasattr(found, "tolist") else found
 
 
-def to_message(kind: int, value: Any) -> ParameterValue:
-    """Return a value as a node takes it.
+def to_parameter(name: str, kind: int, value: Any) -> Parameter:
+    """Return a parameter with a value from outside.
 
     Args:
+        name: of the parameter.
         kind: one of `ParameterType`.
         value: of that kind, or a number that is the same in it.
 
     Raises:
         ValueError: it is of another kind.
     """
-    message = ParameterValue(type=kind)
-    if kind in _SCALARS:
-        field, wanted = _SCALARS[kind]
-        setattr(message, field, _as(wanted, value))
-    elif kind in _LISTS and isinstance(value, list | tuple):
-        field, wanted = _LISTS[kind]
-        setattr(message, field, [_as(wanted, each) for each in value])
-    else:
-        what = f"a list of {_LISTS[kind][1].__name__}" if kind in _LISTS else "what can be set"
-        raise ValueError(f"{value!r} is not {what}")
-    return message
+    wanted = Parameter.Type(kind)
+    number = _NUMBERS.get(wanted)
+    if number is not None:
+        many = isinstance(value, list)
+        value = [_as(number, each) for each in value] if many else _as(number, value)
+    if not wanted.check(value):
+        raise ValueError(f"{value!r} is no {wanted.name.lower()}")
+    return Parameter(name, wanted, value)
 
 
-def _as(wanted: type, value: Any) -> Any:
-    """Return a value as a type.
+def _as(number: type, value: Any) -> Any:
+    """Return a number as a float or as a whole one of 64 bits, where it is the same.
 
     Raises:
-        ValueError: it is of another one.
+        ValueError: it is too large, or true or false.
     """
-    found: Any = value
-    if wanted is int and type(value) is float and value.is_integer():
-        found = int(value)
-    if type(found) is int and found.bit_length() > 63:
+    if isinstance(value, bool):
+        raise ValueError(f"{value} is no number")
+    is_whole = isinstance(value, float) and value.is_integer()
+    if not (isinstance(value, int) or (number is int and is_whole)):
+        return value
+    if int(value).bit_length() > 63:
         raise ValueError(f"{str(value)[:20]}... has more than 63 bits")
-    if wanted is float and type(found) is int:
-        found = float(found)
-    if type(found) is not wanted:
-        raise ValueError(f"{value!r} is no {wanted.__name__}")
-    return found
+    return number(value)
 
 
 def _answer(call: Future[Any]) -> Any:

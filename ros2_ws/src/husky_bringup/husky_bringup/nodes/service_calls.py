@@ -43,7 +43,7 @@ class _Call:
 class ServiceCalls:
     """Calls services for other threads.
 
-    The node's thread calls `serve` when it is woken, and now and then.
+    The node's thread calls `serve` whenever it wakes, one of the node's `hot_wires`.
     """
 
     def __init__(self, node: Node, wake: Callable[[], None], patience: float, most: int = 64):

@@ -10,7 +10,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from husky_bringup.bag import begins_with_stamp
 from husky_bringup.definitions import Definitions, message_class
-from husky_bringup.log_time import WINDOW_NS, read_stamp
+from husky_bringup.log_time import near, read_stamp
 from husky_bringup.nodes.raw_subscription import RawSubscription
 from husky_runtime import graph
 
@@ -122,8 +122,7 @@ class TopicFeeds:
                 if message is None:
                     break
                 stamp = read_stamp(message) if feed.is_stamped else -1
-                is_near = stamp >= 0 and abs(stamp - now) <= WINDOW_NS
-                feed.channel.log(message, log_time=stamp if is_near else now)
+                feed.channel.log(message, log_time=near(stamp, now))
                 self.forwarded += 1
 
     def close(self) -> None:
