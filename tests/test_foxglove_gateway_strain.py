@@ -69,7 +69,7 @@ def test_who_does_not_read_holds_up_nobody(gateway: AloneBench) -> None:
     heard, big = client.subscribe("/words"), String(data="x" * 1_000_000)
     with stalled.held():
         before = resident_mb(gateway)
-        gateway.wait(lambda: len(heard) >= 100, "100 MB", lambda: gateway.words.publish(big))
+        gateway.wait(lambda: len(heard) >= 200, "200 MB", lambda: gateway.words.publish(big))
         gateway.is_served()
         assert resident_mb(gateway) - before < 60.0  # 16 wait here, some more in sockets and DDS
 
