@@ -5,11 +5,11 @@
 #   HUSKY_PYTHON=/usr/bin/python3.12 scripts/setup.sh   use this Python (3.11 or 3.12)
 #   HUSKY_ROS_PREFIX=/opt/ros/jazzy  scripts/setup.sh   use the ROS that is installed there
 #   HUSKY_ROS_PREFIX=wheels          scripts/setup.sh   use the wheels, even where /opt/ros/jazzy is
-#   scripts/setup.sh --nodes                            only what the nodes need: no tests, figures, video (Docker images)
+#   scripts/setup.sh --nodes                            only what the nodes need: no tests, figures, video, console (Docker images)
 #   scripts/setup.sh --no-build                         only the packages of the package index
 set -euo pipefail
 
-lists=(build runtime figures test) # of scripts/requirements
+lists=(build runtime figures console test) # of scripts/requirements
 build=yes
 kernels=yes
 for argument in "$@"; do

@@ -5,21 +5,19 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticStatus
 from foxglove_client import FoxgloveClient, Received
 from geometry_msgs.msg import Twist
-from node_bench import NodeBench, values_of
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
+from served_bench import ServedBench
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
 
 from husky_runtime import graph
 from husky_runtime.nodes import qos, stamps
-from husky_runtime.nodes.diagnostics import PERIOD
 
 MODULE = "husky_bringup.nodes.foxglove_gateway"
 JOINTS = graph.absolute(graph.JOINT_STATES)
@@ -29,33 +27,12 @@ SPEED = "/bench.speed"
 NOW_NS = 7_000_000_000
 
 
-class GatewayBench(NodeBench):
-    """The process and clients of it.
-
-    Attributes:
-        address: of the gateway.
-        clients: that have been made.
-    """
+class GatewayBench(ServedBench):
+    """The process and clients of it."""
 
     def __init__(self, domain: int, directory: Path):
         """Join the domain; the process is started by `serve`."""
         super().__init__(domain, directory, MODULE)
-        self.clients: list[FoxgloveClient] = []
-        self.address = self._told = ""
-        self._parameters: dict[str, Any] | None = None
-
-    def serve(self, **parameters: Any) -> None:
-        """Let the process run with these parameters; wait until it serves."""
-        if parameters == self._parameters and self.process and self.process.poll() is None:
-            return
-        self.end()
-        self._parameters = parameters
-        self.start(**{PERIOD: 0.05, "port": 0, **parameters})
-
-        def is_new(report: DiagnosticStatus) -> bool:  # one of the process before may come late
-            return values_of(report).get("address", "") not in ("", self._told)
-
-        self._told = self.address = self.wait_for_report(is_new, "a report")["address"]
 
     def client(self, *services: str) -> FoxgloveClient:
         """Connect a client, and wait until it has seen services."""
@@ -63,16 +40,6 @@ class GatewayBench(NodeBench):
         self.clients.append(client)
         self.wait(lambda: set(services) <= set(client.services), f"{services}")
         return client
-
-    def leave(self) -> None:
-        """Let the clients go."""
-        for client in self.clients:
-            client.close()
-        self.clients.clear()
-
-    def _give_back(self) -> None:
-        self.leave()
-        super()._give_back()
 
 
 class AloneBench(GatewayBench):
@@ -129,10 +96,6 @@ class AloneBench(GatewayBench):
         client = self.clients[0]
         self.wait(lambda: client.time == time_ns, "the time", lambda: self.clock.publish(message))
 
-    def value(self, name: str) -> int:
-        """Return a number of the newest report."""
-        return int(values_of(self.reports[-1])[name]) if self.reports else 0
-
     def is_served(self) -> None:
         """Whoever comes now is served."""
         client = self.client()
@@ -142,12 +105,10 @@ class AloneBench(GatewayBench):
 
     def begin_anew(self) -> None:
         """Let the clients go; the process serves on, as if none had been there."""
-        self.leave()
         self.velocities.clear()
         self.enabled.clear()
         self.node.set_parameters([Parameter("speed", value=0.5)])
-        if self.process is not None and self.process.poll() is None:
-            self.wait_for_report(lambda each: values_of(each)["connections"] == "0", "their end")
+        super().begin_anew()
 
 
 def joint_state(time_ns: int, position: float) -> JointState:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import signal
 from collections.abc import Callable
-from pathlib import Path
 from urllib.parse import urlsplit
 
 import pytest
@@ -68,17 +67,10 @@ def test_who_does_not_read_holds_up_nobody(gateway: AloneBench) -> None:
     gateway.hear(stalled, "/words", gateway.words)
     heard, big = client.subscribe("/words"), String(data="x" * 1_000_000)
     with stalled.held():
-        before = resident_mb(gateway)
+        before = gateway.resident_mb()
         gateway.wait(lambda: len(heard) >= 200, "200 MB", lambda: gateway.words.publish(big))
         gateway.is_served()
-        assert resident_mb(gateway) - before < 60.0  # 16 wait here, some more in sockets and DDS
-
-
-def resident_mb(gateway: AloneBench) -> float:
-    """The process's resident memory [MB]."""
-    assert gateway.process is not None
-    status = Path(f"/proc/{gateway.process.pid}/status").read_text()
-    return int(status.split("VmRSS:")[1].split()[0]) / 1e3
+        assert gateway.resident_mb() - before < 60.0  # 16 wait here, some more in sockets and DDS
 
 
 def test_all_is_well_in_its_report(gateway: AloneBench) -> None:

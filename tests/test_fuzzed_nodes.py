@@ -44,6 +44,7 @@ NODES = {
     graph.PIXHAWK_BRIDGE: ("husky_pu", "PixhawkBridge", LIVE),
     graph.RC_TRANSMITTER: ("husky_pu", "RcTransmitter", {}),
     graph.TELEOP: ("husky_bringup", "Teleop", {}),
+    graph.CONSOLE: ("husky_bringup", "Console", {"port": 0}),
     graph.FOXGLOVE_GATEWAY: ("husky_bringup", "FoxgloveGateway", {"port": 0}),
 }
 """Package, class and parameters; the recorder never looks into what it writes."""

@@ -98,7 +98,8 @@ def test_topics_and_services_have_the_names_of_the_table(nodes):
     assert found == {(topic.name, topic.type) for topic in graph.TOPICS}
     services = {name for node in nodes.values() for name, _ in node.offers}
     constants = {name: value for name, value in vars(graph).items() if name.isupper()}
-    nodes_and_frames = {*graph.NODES, graph.RECORDER, graph.TELEOP, graph.FOXGLOVE_GATEWAY}
+    tools = (graph.RECORDER, graph.TELEOP, graph.FOXGLOVE_GATEWAY, graph.CONSOLE)
+    nodes_and_frames = {*graph.NODES, *tools}
     named = {
         graph.absolute(value)
         for name, value in constants.items()

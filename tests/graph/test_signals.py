@@ -156,6 +156,9 @@ SCRIPTS = {
         f"lib/husky_drivers/{graph.VN200_DRIVER}",
         after=node_is_named,
     ),
+    "console": Script(
+        "scripts/console.sh --port 0", signal.SIGINT, 0, lambda run: "the robot is at" in run.said
+    ),
     "bench": Script(
         "scripts/bench.sh loop --rounds 1",
         signal.SIGQUIT,

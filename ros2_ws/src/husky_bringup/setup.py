@@ -1,4 +1,4 @@
-"""Package husky_bringup: Launch and parameter files, recorder, teleoperation, gateway."""
+"""Package husky_bringup: Launch and parameter files, recorder, teleoperation, gateway, console."""
 
 from glob import glob
 
@@ -21,6 +21,7 @@ setup(
     zip_safe=False,
     entry_points={
         "console_scripts": [
+            "console = husky_bringup.nodes.console:main",
             "foxglove_gateway = husky_bringup.nodes.foxglove_gateway:main",
             "recorder = husky_bringup.nodes.recorder:main",
             "teleop = husky_bringup.nodes.teleop:main",

@@ -92,15 +92,19 @@ def add_robot_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--record", metavar="DIR", help="record a bag into this directory")
 
 
-def robot_of(options: argparse.Namespace) -> tuple[NodeSpec, ...]:
+def robot_of(options: argparse.Namespace, *, console: bool = False) -> tuple[NodeSpec, ...]:
     """Return the nodes that the options of `add_robot_options` ask for.
+
+    Args:
+        options: with these.
+        console: whether there is a page for the browser.
 
     Raises:
         ValueError: they do not fit together.
     """
     settings = settings_of(options)
     return simulated_robot(
-        options.time, settings, options.record, remote=options.remote, wakes=True
+        options.time, settings, options.record, remote=options.remote, wakes=True, console=console
     )
 
 
@@ -120,6 +124,7 @@ def make_parser() -> argparse.ArgumentParser:
         "and so does the end of one.",
     )
     add_robot_options(parser)
+    parser.add_argument("--console", action="store_true", help="with a page for the browser")
     parser.add_argument("--params-file", help="a ROS parameter file for every node")
     parser.add_argument(
         "--namespace",
@@ -165,7 +170,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = make_parser()
     options = parser.parse_args(arguments)
     try:
-        specs = leave_out(robot_of(options), options.without)
+        specs = leave_out(robot_of(options, console=options.console), options.without)
     except ValueError as error:
         parser.error(str(error))
     try:

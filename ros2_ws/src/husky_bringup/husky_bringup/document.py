@@ -28,6 +28,14 @@ Table = list[tuple[str, ...]]
 BY_HAND = "what it is"
 EVERY_TOPIC = "every topic of the graph"
 EVERY_SERVICE = "every service of the graph"
+_WHILE_ASKED: Mapping[str, Table] = {
+    graph.FOXGLOVE_GATEWAY: [
+        ("subscribes to", EVERY_TOPIC, ""),
+        ("calls service", EVERY_SERVICE, ""),
+    ],
+    graph.CONSOLE: [("subscribes to", "what the page shows", "")],
+}
+"""Interfaces of nodes that are not in the graph before a client asks for them."""
 _BLOCK = re.compile(r"(<!-- begin (?P<name>[^>]+?) -->\n)(?P<body>.*?)(<!-- end -->)", re.DOTALL)
 _UNIT = re.compile(r" ?\[([^\[\]]+)\]")
 _GAIT = re.compile(r"gait\.(?P<gait>\w+)\.(?P<column>\w+)")
@@ -128,9 +136,8 @@ def _services(nodes: Graph) -> Table:
 def _interface(node: Interface) -> Table:
     if {topic.name for topic in graph.TOPICS} <= {name for name, _ in node.subscribes}:
         return [("", "name", BY_HAND), ("subscribes to", EVERY_TOPIC, "")]
-    if node.name == graph.FOXGLOVE_GATEWAY:  # while clients listen to them
-        every = [("subscribes to", EVERY_TOPIC, ""), ("calls service", EVERY_SERVICE, "")]
-        return [("", "name", BY_HAND), *every]
+    if node.name in _WHILE_ASKED:
+        return [("", "name", BY_HAND), *_WHILE_ASKED[node.name]]
     rows = [
         ("offers action" if "/action/" in kind else verb, _code(name), _code(kind), "")
         for verb, found in (

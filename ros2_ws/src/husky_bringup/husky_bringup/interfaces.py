@@ -40,6 +40,7 @@ _FITTED: dict[str, dict[str, tuple[ParameterValue, ParameterValue]]] = {
     graph.PLANT: {"body": ("robot_with_unit", "robot")},
     graph.LOW_LEVEL_CONTROLLER: {"propulsion": (True, False)},
     graph.FOXGLOVE_GATEWAY: {"port": (0, 8765)},
+    graph.CONSOLE: {"port": (0, 8080)},
 }
 """Parameters with which a node is looked at, to see all that it offers, and their defaults."""
 
@@ -88,6 +89,7 @@ def all_nodes() -> tuple[NodeSpec, ...]:
         NodeSpec("husky_control", graph.PLANNER),
         NodeSpec("husky_bringup", graph.TELEOP),
         NodeSpec("husky_bringup", graph.FOXGLOVE_GATEWAY),
+        NodeSpec("husky_bringup", graph.CONSOLE),
     )
     return tuple(
         NodeSpec(

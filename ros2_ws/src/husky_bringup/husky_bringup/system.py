@@ -89,6 +89,7 @@ def simulated_robot(
     remote: bool = False,
     *,
     wakes: bool = False,
+    console: bool = False,
 ) -> tuple[NodeSpec, ...]:
     """Return every node of the robot in simulation.
 
@@ -102,6 +103,7 @@ def simulated_robot(
         record: directory of the bag, or None for no recorder.
         remote: whether the remote control takes part.
         wakes: whether a velocity command sets a standing robot in motion, for operators' tools.
+        console: whether there is a page for the browser.
 
     Raises:
         ValueError: unknown clock, robot or body, or settings of a node that is not there.
@@ -132,6 +134,8 @@ def simulated_robot(
         specs.append(NodeSpec("husky_pu", graph.RC_TRANSMITTER, {"time": time}))
     if record is not None:
         specs.append(NodeSpec("husky_bringup", graph.RECORDER, {"output": record}))
+    if console:
+        specs.append(NodeSpec("husky_bringup", graph.CONSOLE))
     names = [spec.name for spec in specs]
     for name in settings:
         if name not in names:

@@ -38,6 +38,11 @@ ARGUMENTS = {
         "choices": ["true", "false"],
         "description": "with the remote control of the propulsion unit",
     },
+    "console": {
+        "default_value": "false",
+        "choices": ["true", "false"],
+        "description": "with a page for the browser",
+    },
     "namespace": {
         "default_value": "/",
         "description": "of all names, e.g. robot1: for several robots in one ROS domain",
@@ -78,12 +83,13 @@ def make_nodes(context: LaunchContext) -> list[Node]:
     record = LaunchConfiguration("record").perform(context) or None
     body = LaunchConfiguration("body").perform(context)
     remote = LaunchConfiguration("remote").perform(context) == "true"
+    console = LaunchConfiguration("console").perform(context) == "true"
     params_file = LaunchConfiguration("params_file").perform(context)
     settings = _settings(context)
     plant = settings.setdefault(graph.PLANT, {})
     plant.setdefault("body", body)
     plant.setdefault("robot", LaunchConfiguration("robot").perform(context))
-    specs = simulated_robot(time, settings, record, remote, wakes=True)
+    specs = simulated_robot(time, settings, record, remote, wakes=True, console=console)
     namespace = parse_namespace(LaunchConfiguration("namespace").perform(context))
     claims = Claims(os.environ, namespace)
     claims.claim(spec.name for spec in specs)

@@ -91,22 +91,28 @@ def test_foxglove_shows_the_robot_in_frames_that_there_are(foxglove):
     assert {name.removeprefix("frame:") for name in scene["transforms"]} == FRAMES
     assert {layer["frameId"] for layer in scene["layers"].values()} <= FRAMES
     shown = {name for name, value in scene["topics"].items() if value["visible"]}
-    assert shown == {graph.absolute(graph.ROBOT_DESCRIPTION), graph.absolute(graph.MARKERS)}
+    drawn = (graph.ROBOT_DESCRIPTION, graph.TERRAIN, graph.MARKERS)
+    assert shown == {graph.absolute(topic) for topic in drawn}
 
 
 def test_rviz_shows_topics_of_the_type_that_its_displays_take(rviz):
     types = {topic.name: topic.type for topic in graph.TOPICS}
+    latched = {topic.name for topic in graph.TOPICS if topic.qos == "LATCHED"}
     jazzy = get_typestore(Stores.ROS2_JAZZY)
-    displays = {display["Class"]: display for display in rviz["Displays"]}
-    assert set(displays) == set(RVIZ_TYPES) | OTHERS
-    for kind, wanted in RVIZ_TYPES.items():
-        topic = displays[kind].get("Topic") or displays[kind]["Description Topic"]
-        assert types[topic["Value"]] == wanted and wanted in jazzy.fielddefs
-    durability = displays["rviz_default_plugins/RobotModel"]["Description Topic"]
-    assert durability["Durability Policy"] == "Transient Local", "a latched topic"
-    assert set(displays["rviz_default_plugins/MarkerArray"]["Namespaces"]) == NAMESPACES
+    displays = rviz["Displays"]
+    assert {display["Class"] for display in displays} == set(RVIZ_TYPES) | OTHERS
+    for display in displays:
+        wanted = RVIZ_TYPES.get(display["Class"])
+        if wanted is not None:
+            topic = display.get("Topic") or display["Description Topic"]
+            assert types[topic["Value"]] == wanted and wanted in jazzy.fielddefs
+            durability = "Transient Local" if topic["Value"] in latched else "Volatile"
+            assert topic["Durability Policy"] == durability, topic["Value"]
+    named = {display["Name"]: display for display in displays}
+    assert set(named["Markers"]["Namespaces"]) == NAMESPACES
     assert rviz["Global Options"]["Fixed Frame"] in FRAMES
-    shown = displays["rviz_default_plugins/TF"]["Filter (whitelist)"]
+    (transforms,) = (d for d in displays if d["Class"] == "rviz_default_plugins/TF")
+    shown = transforms["Filter (whitelist)"]
     assert {frame for frame in FRAMES if re.search(shown, frame)} == {
         "odom",
         "world",

@@ -24,11 +24,12 @@ def nodes(body, **options):
 def test_the_body_decides_who_takes_part(body, expected):
     assert set(nodes(body)) == {graph.PLANT} | expected
     assert (
-        set(nodes(body, remote=True, record="x"))
+        set(nodes(body, remote=True, record="x", console=True))
         == {
             graph.PLANT,
             graph.RC_TRANSMITTER,
             graph.RECORDER,
+            graph.CONSOLE,
         }
         | expected
     )

@@ -30,6 +30,7 @@ ODOMETRY = "odometry"
 GROUND_TRUTH = "plant/ground_truth"
 FOOT_CONTACTS = "plant/foot_contacts"
 ESTIMATE_ERROR = "plant/estimate_error"
+TERRAIN = "plant/terrain"
 FLIGHT_SENSORS = "plant/flight_sensors"
 FAN_COMMAND = "plant/fan_command"
 FAN_STATE = "plant/fan_state"
@@ -81,6 +82,7 @@ T265_DRIVER = "t265_driver"
 RECORDER = "recorder"
 TELEOP = "teleop"
 FOXGLOVE_GATEWAY = "foxglove_gateway"
+CONSOLE = "console"
 
 NODES = (
     PLANT,
@@ -158,6 +160,7 @@ TOPICS = (
     Topic(GROUND_TRUTH, "nav_msgs/msg/Odometry", (PLANT,), "STATUS", 100.0),
     Topic(FOOT_CONTACTS, "husky_msgs/msg/FootContacts", (PLANT,), "STATUS", 100.0),
     Topic(ESTIMATE_ERROR, "husky_msgs/msg/EstimateError", (PLANT,), "STATUS", 50.0),
+    Topic(TERRAIN, "visualization_msgs/msg/MarkerArray", (PLANT,), "LATCHED", 0.0),
     Topic(FLIGHT_SENSORS, "husky_msgs/msg/FlightSensors", (PLANT,), "CONTROL", 500.0),
     Topic(FAN_COMMAND, "husky_msgs/msg/FanCommand", (FLIGHT_CONTROLLER,), "CONTROL", 500.0),
     Topic(FAN_STATE, "husky_msgs/msg/FanState", (PLANT,), "STATUS", 100.0),
@@ -192,7 +195,7 @@ TOPICS = (
     Topic(
         DIAGNOSTICS,
         "diagnostic_msgs/msg/DiagnosticArray",
-        (*NODES, RECORDER, FOXGLOVE_GATEWAY),
+        (*NODES, RECORDER, FOXGLOVE_GATEWAY, CONSOLE),
         "STATUS",
         1.0,
     ),

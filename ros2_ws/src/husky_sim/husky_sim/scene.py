@@ -14,6 +14,11 @@ from husky_sim import terrain
 from husky_sim.gantry import add_gantry
 from husky_sim.propulsion.fans_in_world import add_autopilot
 
+GROUND_COLOURS = {
+    "ground": ((0.93, 0.93, 0.92), (0.86, 0.87, 0.88)),
+    "tile": ((0.80, 0.76, 0.68), (0.74, 0.70, 0.62)),
+}
+"""Both colours of the squares of each material of the ground."""
 HOLD = "hold"
 """Name of the equality that holds the base in place."""
 
@@ -126,8 +131,8 @@ def build_scene(robot: Robot, options: WorldOptions) -> mujoco.MjSpec:
         width=256,
         height=256,
     )
-    _ground_material(spec, "ground", [0.93, 0.93, 0.92], [0.86, 0.87, 0.88])
-    _ground_material(spec, "tile", [0.80, 0.76, 0.68], [0.74, 0.70, 0.62])
+    for name, colours in GROUND_COLOURS.items():
+        _ground_material(spec, name, *colours)
     spec.worldbody.add_light(
         pos=[0.0, 0.0, 4.0],
         dir=[0.3, 0.2, -1.0],
@@ -165,14 +170,17 @@ def build_scene(robot: Robot, options: WorldOptions) -> mujoco.MjSpec:
     return spec
 
 
-def _ground_material(spec: mujoco.MjSpec, name: str, dark: list[float], light: list[float]) -> None:
+Colour = tuple[float, float, float]
+
+
+def _ground_material(spec: mujoco.MjSpec, name: str, first: Colour, second: Colour) -> None:
     """A checkered material with squares of 0.5 m."""
     spec.add_texture(
         name=name,
         type=mujoco.mjtTexture.mjTEXTURE_2D,
         builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER,
-        rgb1=dark,
-        rgb2=light,
+        rgb1=first,
+        rgb2=second,
         width=512,
         height=512,
     )

@@ -33,10 +33,10 @@ from husky_bringup.definitions import Definitions
 from husky_bringup.nodes.gateway.client_topics import ClientTopics
 from husky_bringup.nodes.gateway.services import ServiceOffers
 from husky_bringup.nodes.gateway.topics import TopicFeeds
+from husky_bringup.nodes.open_gate import open_gate
 from husky_bringup.nodes.remote_parameters import RemoteParameters, to_python
 from husky_bringup.nodes.service_calls import ServiceCalls
 from husky_bringup.nodes.topic_search import EVERYTHING, TopicSearch
-from husky_bringup.web_gate import WebGate
 from husky_runtime import graph
 from husky_runtime.nodes import diagnostics, qos
 from husky_runtime.nodes.executor import executor_of
@@ -44,6 +44,7 @@ from husky_runtime.nodes.one_clock import OneClock
 from husky_runtime.nodes.parameters import declare
 from husky_runtime.nodes.run import run
 
+_PORT, _PAGES = 8765, ("https://app.foxglove.dev", "file://")
 _SEARCH_PERIOD = 0.5
 """Wall time between two looks for new topics and services [s]."""
 _PATIENCE = 30.0
@@ -88,7 +89,7 @@ class FoxgloveGateway(OneClock, Node):
         self.hot_wires = [self._do_tasks, self._calls.serve]
         self.create_timer(1.0 / rate, self._turn)
         self.create_timer(_SEARCH_PERIOD, self._find)
-        self._gate = self._open_gate()
+        self._gate = open_gate(self, self._server.port, _PORT, _PAGES)
         self._diagnostics = diagnostics.Diagnostics(self, "foxglove", self._report)
         print(f"serving {self._gate.address('ws')}", flush=True)  # the token is not for /rosout
 
@@ -114,16 +115,6 @@ class FoxgloveGateway(OneClock, Node):
             server_listener=_Listener(self),
             message_backlog_size=backlog,
         )
-
-    def _open_gate(self) -> WebGate:
-        what = "address to listen on; one that other machines get to asks for a token"
-        host = declare(self, "host", "127.0.0.1", what)
-        port = declare(self, "port", 8765, "to listen on, 0 for any that is free", 0, 65535)
-        token = declare(self, "token", "", "that clients show; empty for one made at the start")
-        what = "pages that may connect, as https://host; file:// are installed programs"
-        origins = declare(self, "origins", ["https://app.foxglove.dev", "file://"], what)
-        most = declare(self, "connections", 32, "at once", 1, 1000)
-        return WebGate(host, port, self._server.port, token=token, origins=origins, most=most)
 
     # The node's thread ----------------------------------------------------------------------
     def _do_tasks(self) -> bool:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from rclpy.node import Node
 
@@ -82,7 +84,8 @@ class ControllerReport:
         state.velocity = body.estimator.velocity
         feet = body.foot_in_base[np.asarray(contact, dtype=bool)]
         # The legs are light: the base's origin stands for the centre of mass.
-        state.static_margin = static_margin(position, feet @ body.rotation.T + position)
+        margin = static_margin(position, feet @ body.rotation.T + position)
+        state.static_margin = margin if len(feet) else math.nan
         state.desired_position = context.desired_position
         state.desired_velocity = context.desired_velocity
         state.commanded_velocity = controller.present.ramped_velocity

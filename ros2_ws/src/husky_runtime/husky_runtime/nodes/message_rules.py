@@ -77,6 +77,21 @@ RULES: Mapping[str, Mapping[str, Numbers]] = {
         "twist.twist.linear": Numbers(1e3),  # m/s
         "twist.twist.angular": Numbers(1e3),  # rad/s
     },
+    "sensor_msgs/BatteryState": dict.fromkeys(
+        (
+            "voltage",
+            "temperature",
+            "current",
+            "charge",
+            "capacity",
+            "design_capacity",
+            "percentage",
+            "cell_voltage",
+            "cell_temperature",
+        ),
+        _UNKNOWN,
+    ),
+    "husky_msgs/ControllerState": {"static_margin": _UNKNOWN},
     "husky_msgs/DriveStatusArray": {"drives": Numbers(count=_JOINTS)},
     "husky_msgs/ServoState": {
         "current": Numbers(1e3),  # A

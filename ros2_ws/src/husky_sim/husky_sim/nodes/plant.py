@@ -22,6 +22,7 @@ from husky_runtime.nodes.run import run
 from husky_runtime.nodes.tick_clock import TickClock, percentile_ms
 from husky_sim.devices.vn200.device import Vn200Device
 from husky_sim.nodes.answered_wire import peer_of
+from husky_sim.nodes.ground_markers import GroundMarkers
 from husky_sim.nodes.ground_truth import GroundTruth
 from husky_sim.nodes.joint_wires import open_joint_wires
 from husky_sim.nodes.plant_parameters import declare_and_build_world
@@ -63,6 +64,7 @@ class Plant(OneClock, Node):
         self._next_due = time.monotonic()
         self._world_clock = WorldClock(self)
         self._truth = GroundTruth(self, self._world)
+        self._ground = GroundMarkers(self, self._world.model)
         self._joints = open_joint_wires(
             self, self._world, grace, self._world_clock, self._latency, self._on_answer
         )

@@ -11,7 +11,7 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 
 from husky_bringup.definitions import message_class
-from husky_bringup.nodes.gateway.incoming import decode
+from husky_bringup.nodes.incoming import decode
 from husky_bringup.nodes.topic_search import is_wanted
 from husky_runtime import graph
 from husky_runtime.nodes import qos

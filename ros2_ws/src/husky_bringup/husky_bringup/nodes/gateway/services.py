@@ -12,7 +12,7 @@ from rclpy.node import Node
 from rclpy.serialization import serialize_message
 
 from husky_bringup.definitions import Definitions
-from husky_bringup.nodes.gateway.incoming import decode
+from husky_bringup.nodes.incoming import decode
 from husky_bringup.nodes.service_calls import ServiceCalls
 from husky_bringup.nodes.topic_search import is_wanted
 

@@ -12,20 +12,21 @@ from husky_runtime.nodes.message_rules import make_check, most_bytes
 _check_of = cache(make_check)
 
 
-def decode(data: bytes, kind: Any, encoding: str = "cdr") -> Any:
+def decode(data: bytes, kind: Any, encoding: str = "cdr", most: int | None = None) -> Any:
     """Return the message that bytes are.
 
     Args:
         data: CDR with its header of 4 bytes.
         kind: class of the message.
         encoding: that whoever has sent it claims.
+        most: bytes that are allowed; by default as many as the rules of its kind say.
 
     Raises:
         ValueError: they are none, or it holds what no message may.
     """
     if encoding != "cdr":
         raise ValueError(f"encoding is {encoding!r}, it must be cdr")
-    most = most_bytes(kind)
+    most = most_bytes(kind) if most is None else most
     if most is not None and len(data) > most:
         raise ValueError(f"{len(data)} bytes, {most} are allowed")
     try:

@@ -1,0 +1,1 @@
+"""The page of the console: what it shows, drawn by viser."""

@@ -1,0 +1,62 @@
+"""`scripts/console.sh`: the page of a robot that runs already."""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import os
+import sys
+from collections.abc import Sequence
+
+from husky_bringup.bringup import parse_namespace
+from husky_bringup.system import NodeSpec, ParameterValue
+from husky_runtime import graph
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """Return the command line."""
+    parser = argparse.ArgumentParser(
+        prog="scripts/console.sh",
+        description="Show a running robot in the browser; Ctrl-C ends the page, not the robot.",
+    )
+    parser.add_argument("--port", type=int, default=8080, help="to listen on, 0 for a free one")
+    what = "address to listen on; with 0.0.0.0 other machines get to it, who show a token"
+    parser.add_argument("--host", default="127.0.0.1", help=what)
+    parser.add_argument("--token", help="the token; without, one is made and told")
+    parser.add_argument("--namespace", type=parse_namespace, default="/", help="of the robot")
+    parser.add_argument(
+        "--hardware", action="store_true", help="the robot is none that is simulated: wall time"
+    )
+    return parser
+
+
+def command(arguments: Sequence[str] | None = None) -> list[str]:
+    """Return the command line of the node.
+
+    Raises:
+        ValueError: it is not installed.
+    """
+    options = make_parser().parse_args(arguments)
+    if importlib.util.find_spec("viser") is None:
+        raise ValueError("the console is not installed here; scripts/setup.sh without --nodes does")
+    parameters: dict[str, ParameterValue] = {"host": options.host, "port": options.port}
+    if options.token is not None:
+        parameters["token"] = options.token
+    if options.hardware:
+        parameters["use_sim_time"] = False
+    spec = NodeSpec("husky_bringup", graph.CONSOLE, parameters)
+    return spec.command(namespace=options.namespace)
+
+
+def main() -> None:
+    """Become the node."""
+    try:
+        words = command()
+    except ValueError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(1)
+    os.execv(words[0], words)
+
+
+if __name__ == "__main__":
+    main()

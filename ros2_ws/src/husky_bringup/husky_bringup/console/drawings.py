@@ -1,0 +1,292 @@
+"""Markers of `visualization_msgs` in a scene: whatever nodes draw, without knowing what it is.
+
+All markers of one namespace in one frame that are of one family (arrows, lines, solids) become one
+object of the scene, so that a ground of four hundred tiles costs as much as one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
+from viser import SceneApi
+from visualization_msgs.msg import Marker, MarkerArray
+
+from husky_description.arrays import Array
+from husky_description.shapes import ORIGIN, Shape
+from husky_description.triangles import triangulate
+
+_HEAD = 1.3
+"""Length of an arrow's head that says none, in its diameters."""
+
+_MOST_GROUPS, _MOST_MARKERS = 200, 5000
+"""Groups, and markers in one of them; more are not drawn."""
+
+Group = tuple[str, str, str]
+"""Frame, namespace, family."""
+
+
+@dataclass(slots=True)
+class _Drawing:
+    """The markers of one group, and the object that they are."""
+
+    markers: dict[int, Marker] = field(default_factory=dict)
+    until: dict[int, float] = field(default_factory=dict)  # robot's time [s], by marker
+    handle: Any = None
+    count: int = -1  # of what the object consists of
+    changed: bool = True
+
+
+class Drawings:
+    """The markers that there are, and their objects in the scene.
+
+    Attributes:
+        skipped: what is not drawn, for reports.
+    """
+
+    def __init__(self, scene: SceneApi, path_of: Callable[[str], str], title: str):
+        """Draw nothing yet.
+
+        Args:
+            scene: to draw in.
+            path_of: returns the scene's name of a frame.
+            title: part of the objects' names, to tell them from other drawings.
+        """
+        self._scene, self._path_of, self._title = scene, path_of, title
+        self._drawings: dict[Group, _Drawing] = {}
+        self._hidden: set[str] = set()
+        self.skipped: set[str] = set()
+
+    def namespaces(self) -> list[str]:
+        """Return the namespaces that there have been, in alphabetic order."""
+        return sorted({namespace for _, namespace, _ in self._drawings})
+
+    def frames(self) -> set[str]:
+        """Return the frames in which there is something drawn."""
+        return {frame for (frame, _, _), drawing in self._drawings.items() if drawing.markers}
+
+    def show(self, namespace: str, shown: bool) -> None:
+        """Show the markers of a namespace, or hide them."""
+        if shown != (namespace in self._hidden):
+            return
+        (self._hidden.discard if shown else self._hidden.add)(namespace)
+        for (_, name, _), drawing in self._drawings.items():
+            if name == namespace:
+                drawing.changed = True
+
+    def take(self, message: MarkerArray) -> None:
+        """Take markers that are added, changed or deleted."""
+        for marker in message.markers:
+            if marker.action == Marker.DELETEALL:
+                self.clear()
+            elif marker.action == Marker.DELETE:
+                self._delete(marker.ns, marker.id)
+            elif marker.type in _FAMILY_OF:
+                self._add(marker)
+            else:
+                self.skipped.add(f"markers of type {marker.type}")
+
+    def clear(self) -> None:
+        """Forget all markers."""
+        for drawing in self._drawings.values():
+            drawing.markers.clear()
+            drawing.until.clear()
+            drawing.changed = True
+
+    def draw(self, now: float) -> None:
+        """Bring the scene up to a time of the robot [s]: what has had its time goes."""
+        for group, drawing in self._drawings.items():
+            for number in [n for n, until in drawing.until.items() if until < now]:
+                del drawing.markers[number], drawing.until[number]
+                drawing.changed = True
+            if drawing.changed:
+                self._redraw(group, drawing)
+                drawing.changed = False
+
+    def _add(self, marker: Marker) -> None:
+        group = marker.header.frame_id, marker.ns, _FAMILY_OF[marker.type]
+        drawing = self._drawings.get(group)
+        if drawing is None:
+            if len(self._drawings) >= _MOST_GROUPS:
+                self.skipped.add(f"more than {_MOST_GROUPS} namespaces")
+                return
+            drawing = self._drawings[group] = _Drawing()
+        if marker.id not in drawing.markers and len(drawing.markers) >= _MOST_MARKERS:
+            self.skipped.add(f"more than {_MOST_MARKERS} markers of {marker.ns}")
+            return
+        stamp, lifetime = _seconds(marker.header.stamp), _seconds(marker.lifetime)
+        drawing.markers[marker.id] = marker
+        drawing.until[marker.id] = stamp + lifetime if stamp > 0.0 < lifetime else math.inf
+        drawing.changed = True
+
+    def _delete(self, namespace: str, number: int) -> None:
+        for (_, name, _), drawing in self._drawings.items():
+            if name == namespace and number in drawing.markers:
+                del drawing.markers[number], drawing.until[number]
+                drawing.changed = True
+
+    def _redraw(self, group: Group, drawing: _Drawing) -> None:
+        frame, namespace, family = group
+        kind = _FAMILIES[family]
+        seen = [marker for marker in drawing.markers.values() if marker.color.a > 0.0]
+        arrays = kind.arrays(seen) if seen and namespace not in self._hidden else {}
+        count = len(next(iter(arrays.values()))) if arrays else 0
+        if count == 0:
+            if drawing.handle is not None:
+                drawing.handle.visible = False
+            return
+        if count != drawing.count:
+            path = f"{self._path_of(frame)}/{self._title}/{family}_{namespace or 'markers'}"
+            drawing.handle, drawing.count = kind.add(self._scene, path, arrays, seen[0]), count
+        else:
+            for name, values in arrays.items():
+                setattr(drawing.handle, name, values)
+        drawing.handle.visible = True
+
+
+# Families -------------------------------------------------------------------------------------
+Arrays = dict[str, Any]
+"""Arrays of properties of an object, by name; all have an entry for each of its parts."""
+
+
+@dataclass(frozen=True)
+class _Family:
+    """How the markers of one family become an object.
+
+    Attributes:
+        arrays: returns the properties of an object of some markers.
+        add: adds an object of these properties under a name; sizes that all its parts have in
+            common are those of the first marker.
+    """
+
+    arrays: Callable[[Sequence[Marker]], Arrays]
+    add: Callable[[SceneApi, str, Arrays, Marker], Any]
+
+
+def _arrows(markers: Sequence[Marker]) -> Arrays:
+    ends = [_arrow(marker) for marker in markers]
+    return {"points": _floats(ends), "colors": _colours([_rgb(marker) for marker in markers])}
+
+
+def _add_arrows(scene: SceneApi, path: str, arrays: Arrays, marker: Marker) -> Any:
+    scale = marker.scale
+    if marker.points:  # of the shaft and of the head, and the head's length
+        shaft, head, length = scale.x, scale.y, scale.z or _HEAD * scale.y
+    else:  # length, width, height
+        shaft, head, length = scale.y, 2 * scale.y, 2 * _HEAD * scale.y
+    return scene.add_arrows(
+        path, **arrays, shaft_radius=shaft / 2, head_radius=head / 2, head_length=length
+    )
+
+
+def _arrow(marker: Marker) -> Array:
+    """Return both ends of an arrow: of two points, or along x of its pose."""
+    if len(marker.points) >= 2:
+        return _placed(marker, _points(marker)[:2])
+    return _placed(marker, np.array(((0.0, 0.0, 0.0), (marker.scale.x, 0.0, 0.0))))
+
+
+def _lines(markers: Sequence[Marker]) -> Arrays:
+    parts = [_segments(marker) for marker in markers]
+    colours = [_rgb(m) for m, part in zip(markers, parts, strict=True) for _ in part]
+    both = np.repeat(_colours(colours)[:, None], 2, axis=1)  # of both ends
+    return {"points": _floats(np.concatenate(parts)), "colors": both}
+
+
+def _segments(marker: Marker) -> Array:
+    """Return both ends of each piece of a line (n, 2, 3)."""
+    points = _placed(marker, _points(marker))
+    if marker.type == Marker.LINE_STRIP:
+        return np.stack((points[:-1], points[1:]), axis=1)
+    return points[: len(points) // 2 * 2].reshape(-1, 2, 3)
+
+
+def _add_lines(scene: SceneApi, path: str, arrays: Arrays, marker: Marker) -> Any:
+    return scene.add_line_segments(path, **arrays, thickness=marker.scale.x)
+
+
+def _solids(markers: Sequence[Marker]) -> Arrays:
+    parts = [_placed(m, _points(m) if m.type in _LISTS else np.zeros((1, 3))) for m in markers]
+    each = [marker for marker, part in zip(markers, parts, strict=True) for _ in part]
+    return {
+        "batched_positions": _floats(np.concatenate(parts)),
+        "batched_wxyzs": _floats([_turn(marker) for marker in each]),
+        "batched_scales": _floats([(m.scale.x, m.scale.y, m.scale.z) for m in each]),
+        "batched_colors": _colours([_rgb(marker) for marker in each]),
+    }
+
+
+def _adder(unit: Shape) -> Callable[[SceneApi, str, Arrays, Marker], Any]:
+    """Return what adds solids of a form, given with its measures 1 m."""
+    vertices, faces = triangulate([unit])
+
+    def add(scene: SceneApi, path: str, arrays: Arrays, marker: Marker) -> Any:
+        # A ground that threw shadows would throw them on itself, in stripes.
+        return scene.add_batched_meshes_simple(
+            path, vertices, faces, **arrays, lod="off", cast_shadow=False
+        )
+
+    return add
+
+
+_FAMILIES = {
+    "arrows": _Family(_arrows, _add_arrows),
+    "lines": _Family(_lines, _add_lines),
+    "boxes": _Family(_solids, _adder(Shape("box", (1.0, 1.0, 1.0), ORIGIN, ORIGIN, ""))),
+    "balls": _Family(_solids, _adder(Shape("sphere", (0.5,), ORIGIN, ORIGIN, ""))),
+    "cylinders": _Family(_solids, _adder(Shape("cylinder", (0.5, 1.0), ORIGIN, ORIGIN, ""))),
+}
+_FAMILY_OF = {
+    Marker.ARROW: "arrows",
+    Marker.LINE_STRIP: "lines",
+    Marker.LINE_LIST: "lines",
+    Marker.CUBE: "boxes",
+    Marker.CUBE_LIST: "boxes",
+    Marker.SPHERE: "balls",
+    Marker.SPHERE_LIST: "balls",
+    Marker.CYLINDER: "cylinders",
+}
+_LISTS = (Marker.CUBE_LIST, Marker.SPHERE_LIST)
+
+
+# Parts of a marker ----------------------------------------------------------------------------
+def _seconds(time: Any) -> float:
+    """Return a stamp or a duration [s]."""
+    return float(time.sec + 1e-9 * time.nanosec)
+
+
+def _points(marker: Marker) -> Array:
+    return np.array([(p.x, p.y, p.z) for p in marker.points]).reshape(-1, 3)
+
+
+def _placed(marker: Marker, points: Array) -> Array:
+    """Return points of a marker (n, 3) in its frame."""
+    place, (w, x, y, z) = marker.pose.position, _turn(marker)
+    turned = Rotation.from_quat((x, y, z, w)).apply(points)
+    return np.asarray(turned + (place.x, place.y, place.z))
+
+
+def _turn(marker: Marker) -> tuple[float, float, float, float]:
+    """Return how a marker is turned (w, x, y, z); one that says nothing is not."""
+    q = marker.pose.orientation
+    norm = math.sqrt(q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z)
+    return (q.w / norm, q.x / norm, q.y / norm, q.z / norm) if norm > 0.0 else (1.0, 0.0, 0.0, 0.0)
+
+
+def _rgb(marker: Marker) -> tuple[float, float, float]:
+    return marker.color.r, marker.color.g, marker.color.b
+
+
+def _colours(values: Sequence[tuple[float, float, float]]) -> NDArray[np.uint8]:
+    """Return colours in bytes (n, 3)."""
+    shares = np.clip(np.array(values).reshape(-1, 3), 0.0, 1.0)
+    return np.asarray(np.round(255.0 * shares), dtype=np.uint8)
+
+
+def _floats(values: ArrayLike) -> NDArray[np.float32]:
+    return np.asarray(values, dtype=np.float32)

@@ -1,0 +1,221 @@
+"""The page: what each topic of the robot becomes on it.
+
+Nothing here is of one robot: links come from its description, joints and fans from the names and
+lengths in its messages, drawings from its markers.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from fnmatch import fnmatchcase
+from typing import Any
+from xml.etree import ElementTree
+
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import BatteryState, JointState
+from std_msgs.msg import String
+from viser import ViserServer
+
+from husky_bringup.console.panels import Facts, Reports
+from husky_bringup.console.plots import Plot
+from husky_bringup.console.scene import Scene
+from husky_description.rotation import to_roll_pitch_yaw
+from husky_msgs.msg import ControllerState, DriveStatusArray, PropulsionState
+from husky_runtime import graph
+
+_SLOWER = 8
+"""Drawings of the picture to one of plots and words."""
+
+
+class Page:
+    """Takes messages, and draws them when it is told to."""
+
+    def __init__(self, server: ViserServer, title: str):
+        """Make the page; it is empty until messages come.
+
+        Args:
+            server: of the page.
+            title: stands behind the robot's name.
+        """
+        server.gui.configure_theme(
+            control_width="large",
+            show_logo=False,
+            show_share_button=False,
+            brand_color=_BRAND,
+        )
+        server.gui.main_panel.dock_right()
+        server.gui.set_panel_label(title or "no robot yet")
+        self._server, self._title = server, title
+        self._ratings: dict[str, float] = {}
+        self._time, self._turn = 0.0, 0
+        tabs = server.gui.add_tab_group()
+        with tabs.add_tab("Robot"):
+            self._facts = Facts(server.gui, _FACTS)
+            self._scene: Scene = Scene(server)
+        with tabs.add_tab("Plots"):
+            self._joints = server.gui.add_text(
+                "joints", "*", hint="names of those that are plotted; * stands for any text"
+            )
+            self._plots = {title: Plot(server.gui, title) for title in _PLOTS}
+        with tabs.add_tab("Diagnostics"):
+            self._reports = Reports(server.gui)
+
+    @property
+    def skipped(self) -> list[str]:
+        """What the robot tells and the page does not draw."""
+        return self._scene.skipped
+
+    def take(self, topic: str, message: Any, wall_time: float) -> None:
+        """Take a message.
+
+        Args:
+            topic: one of `SOURCES`.
+            message: of its type.
+            wall_time: when it came [s].
+
+        Raises:
+            ValueError: there is no sense in it.
+        """
+        if topic == graph.DIAGNOSTICS:
+            self._reports.tell(message, wall_time)
+        else:
+            _TAKERS[topic](self, message)
+
+    def draw(self, now: float, wall_time: float) -> None:
+        """Bring the picture up to date, and now and then plots and words.
+
+        Args:
+            now: time of the robot [s]; when it goes back, it has started again.
+            wall_time: of now [s].
+        """
+        if now < self._time:
+            self._scene.restart()
+        self._time = now
+        self._scene.draw(now)
+        self._turn = (self._turn + 1) % _SLOWER
+        if self._turn == 0:
+            self._facts.tell(graph.CLOCK, [("time", f"{now:.1f} s")])
+            self._facts.draw()
+            self._reports.draw(wall_time)
+        elif self._turn == _SLOWER // 2:
+            for plot in self._plots.values():
+                plot.draw()
+
+    # A topic each -----------------------------------------------------------------------------
+    def _on_description(self, message: String) -> None:
+        self._scene.take_description(message.data)
+        self._ratings = ratings(message.data)
+        self._server.gui.set_panel_label(f"{robot_name(message.data)} {self._title}".strip())
+
+    def _on_controller(self, message: ControllerState) -> None:
+        x, y, yaw = message.commanded_velocity
+        rows = [
+            ("mode", message.mode),
+            ("why", message.reason),
+            ("gait", message.gait),
+            ("told", f"{x:+.2f} m/s ahead, {y:+.2f} m/s to the left, {yaw:+.2f} rad/s"),
+            ("base", " ".join(f"{value:+.2f}" for value in message.position) + " m"),
+        ]
+        self._facts.tell(graph.CONTROLLER_STATE, rows)
+
+    def _on_odometry(self, message: Odometry) -> None:
+        q, v = message.pose.pose.orientation, message.twist.twist.linear
+        angles = map(math.degrees, to_roll_pitch_yaw((q.x, q.y, q.z, q.w)))
+        now = _seconds(message.header.stamp)
+        self._plots[_ATTITUDE].add(now, dict(zip(("roll", "pitch", "yaw"), angles, strict=True)))
+        self._plots[_SPEED].add(now, {"ahead": v.x, "left": v.y, "up": v.z})
+
+    def _on_joints(self, message: JointState) -> None:
+        now = _seconds(message.header.stamp)
+        chosen = [name for name in message.name if fnmatchcase(name, self._joints.value.strip())]
+        angles = dict(zip(message.name, message.position, strict=False))
+        torques = dict(zip(message.name, message.effort, strict=False))
+        self._plots[_ANGLES].add(now, {name: math.degrees(angles[name]) for name in chosen})
+        shares = {
+            name: 100.0 * torques[name] / self._ratings[name]
+            for name in chosen
+            if name in self._ratings and name in torques
+        }
+        self._plots[_TORQUES].add(now, shares)
+
+    def _on_drives(self, message: DriveStatusArray) -> None:
+        if message.emergency_stop:
+            state = "EMERGENCY STOP"
+        else:
+            state = "enabled" if message.operational else f"not enabled: {message.reason}"
+        errors = [f"{drive.joint}: {drive.error}" for drive in message.drives if drive.error]
+        rows = [("joints", state), *(("error", text) for text in errors)]
+        self._facts.tell(graph.DRIVES_STATUS, rows)
+
+    def _on_propulsion(self, message: PropulsionState) -> None:
+        armed = "armed" if message.armed else "disarmed"
+        rows = [("fans", f"{armed}, {message.mode}" if message.connected else "not connected")]
+        rows += [("fail-safe", message.failsafe)] if message.failsafe else []
+        rows += [("autopilot", message.reason)] if message.reason else []
+        self._facts.tell(graph.PROPULSION_STATE, rows)
+        now, force = _seconds(message.stamp), message.force
+        values = {"x": force.x, "y": force.y, "z": force.z, "most": message.thrust_limit}
+        self._plots[_THRUST].add(now, values)
+        speeds = {
+            f"fan {index + 1}": speed * 30.0 / math.pi / 1000.0
+            for index, speed in enumerate(message.fan_speed)
+        }
+        self._plots[_FANS].add(now, speeds)
+
+    def _on_battery(self, message: BatteryState) -> None:
+        now = _seconds(message.header.stamp)
+        self._plots[_BATTERY].add(now, {"V": message.voltage, "A": -message.current})
+        charge = f", {100.0 * message.percentage:.0f} %" if message.percentage >= 0.0 else ""
+        self._facts.tell(graph.BATTERY, [("battery", f"{message.voltage:.1f} V{charge}")])
+
+
+_FACTS = (
+    graph.CONTROLLER_STATE,
+    graph.DRIVES_STATUS,
+    graph.PROPULSION_STATE,
+    graph.BATTERY,
+    graph.CLOCK,
+)
+_BRAND = (176, 32, 48)
+_ATTITUDE, _SPEED = "attitude [deg]", "speed of the base [m/s]"
+_ANGLES, _TORQUES = "joint angles [deg]", "joint torques [% of the rating]"
+_THRUST, _FANS, _BATTERY = "thrust [N]", "fans [1000/min]", "battery [V, A]"
+_PLOTS = (_ATTITUDE, _SPEED, _ANGLES, _TORQUES, _THRUST, _FANS, _BATTERY)
+
+_TAKERS: dict[str, Callable[[Page, Any], None]] = {
+    graph.ROBOT_DESCRIPTION: Page._on_description,
+    graph.TF_STATIC: lambda page, message: page._scene.take_transforms(message),
+    graph.TF: lambda page, message: page._scene.take_transforms(message),
+    graph.TERRAIN: lambda page, message: page._scene.take_ground(message),
+    graph.MARKERS: lambda page, message: page._scene.take_markers(message),
+    graph.CONTROLLER_STATE: Page._on_controller,
+    graph.ODOM: Page._on_odometry,
+    graph.JOINT_STATES: Page._on_joints,
+    graph.DRIVES_STATUS: Page._on_drives,
+    graph.PROPULSION_STATE: Page._on_propulsion,
+    graph.BATTERY: Page._on_battery,
+}
+SOURCES = (*_TAKERS, graph.DIAGNOSTICS)
+"""Topics that the page is drawn from."""
+
+
+def ratings(urdf: str) -> dict[str, float]:
+    """Return the torque that each joint of a URDF is rated for, where it says so [N m]."""
+    limits = {
+        str(joint.get("name")): joint.find("limit")
+        for joint in ElementTree.fromstring(urdf).findall("joint")
+    }
+    efforts = {
+        name: float(limit.get("effort", "0")) for name, limit in limits.items() if limit is not None
+    }
+    return {name: effort for name, effort in efforts.items() if effort > 0.0}
+
+
+def robot_name(urdf: str) -> str:
+    """Return the name that a URDF gives its robot, in words."""
+    return str(ElementTree.fromstring(urdf).get("name", "robot")).replace("_", " ")
+
+
+def _seconds(stamp: Any) -> float:
+    return float(stamp.sec + 1e-9 * stamp.nanosec)

@@ -1,0 +1,114 @@
+"""A robot's looks out of its description: one coloured mesh for each link of a URDF."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import trimesh
+
+from husky_description.shapes import Shape
+from husky_description.triangles import triangulate
+
+_GREY = (0.5, 0.5, 0.5, 1.0)
+"""Colour of what has none."""
+
+Colour = tuple[float, ...]
+
+
+def link_meshes(urdf: str) -> tuple[dict[str, trimesh.Trimesh], list[str]]:
+    """Return the visual of each link that has one, and what of it cannot be drawn.
+
+    Boxes, cylinders and spheres are drawn; a mesh file is not: the browser has no access to it.
+
+    Raises:
+        ValueError: it is no URDF.
+    """
+    try:
+        root = ElementTree.fromstring(urdf)
+    except ElementTree.ParseError as error:
+        raise ValueError(f"the description is no XML: {error}") from error
+    if root.tag != "robot":
+        raise ValueError(f"the description is a <{root.tag}>, it must be a <robot>")
+    colours = {
+        str(material.get("name")): _rgba(material.find("color"))
+        for material in root.findall("material")
+        if material.find("color") is not None
+    }
+    meshes: dict[str, trimesh.Trimesh] = {}
+    missing: list[str] = []
+    for link in root.findall("link"):
+        by_colour: dict[Colour, list[Shape]] = {}
+        for visual in link.findall("visual"):
+            try:
+                shape = _shape(visual)
+            except ValueError as error:
+                missing.append(f"{link.get('name')}: {error}")
+                continue
+            by_colour.setdefault(_colour(visual, colours), []).append(shape)
+        if by_colour:
+            parts = [_mesh(shapes, colour) for colour, shapes in by_colour.items()]
+            whole: Any = trimesh.util.concatenate(parts)
+            meshes[str(link.get("name"))] = whole
+    return meshes, missing
+
+
+def _shape(visual: ElementTree.Element) -> Shape:
+    """Return a visual's geometry in its link's frame.
+
+    Raises:
+        ValueError: it is none that can be drawn, or has no measures.
+    """
+    origin, geometry = visual.find("origin"), visual.find("geometry")
+    form = geometry[0] if geometry is not None and len(geometry) else None
+    if form is None or form.tag not in _SIZES:
+        what = "nothing" if form is None else f"a {form.tag}"
+        raise ValueError(f"{what} is not drawn, there are {', '.join(_SIZES)}")
+    size = [number for name in _SIZES[form.tag] for number in _numbers(form, name)]
+    place = [(0.0, 0.0, 0.0) if origin is None else _numbers(origin, name) for name in _POSE]
+    if len(size) != _COUNTS[form.tag] or min(size) < 0.0 or any(len(p) != 3 for p in place):
+        raise ValueError(f"the measures of a {form.tag} are wrong")
+    return Shape(form.tag, tuple(size), tuple(place[0]), tuple(place[1]), "")
+
+
+_SIZES = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",)}
+_COUNTS = {"box": 3, "cylinder": 2, "sphere": 1}
+_POSE = ("xyz", "rpy")
+
+
+def _numbers(element: ElementTree.Element, name: str) -> tuple[float, ...]:
+    """Return the numbers of an attribute; without it three zeros.
+
+    Raises:
+        ValueError: one of them is none, or not finite.
+    """
+    found = tuple(float(word) for word in element.get(name, "0 0 0").split())
+    if not np.all(np.isfinite(found)):
+        raise ValueError(f"{name} is not finite")
+    return found
+
+
+def _colour(visual: ElementTree.Element, named: dict[str, Colour]) -> Colour:
+    material = visual.find("material")
+    if material is None:
+        return _GREY
+    own = material.find("color")
+    return named.get(str(material.get("name")), _GREY) if own is None else _rgba(own)
+
+
+def _rgba(element: ElementTree.Element | None) -> Colour:
+    """Return a colour, grey for one that is none."""
+    try:
+        found = () if element is None else _numbers(element, "rgba")
+    except ValueError:
+        return _GREY
+    return tuple(np.clip(found, 0.0, 1.0).tolist()) if len(found) == 4 else _GREY
+
+
+def _mesh(shapes: Iterable[Shape], colour: Colour) -> trimesh.Trimesh:
+    vertices, faces = triangulate(shapes)
+    rgba = np.round(255 * np.array(colour)).astype(np.uint8)
+    colours = np.tile(rgba, (len(vertices), 1))
+    return trimesh.Trimesh(vertices, faces, vertex_colors=colours, process=False)

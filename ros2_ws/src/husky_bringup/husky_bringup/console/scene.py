@@ -1,0 +1,163 @@
+"""The robot and what is drawn about it, in three dimensions."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import trimesh
+from tf2_msgs.msg import TFMessage
+from viser import ViserServer
+from visualization_msgs.msg import MarkerArray
+
+from husky_bringup.console.drawings import Drawings
+from husky_bringup.console.frame_tree import IDENTITY, FrameTree, Pose
+from husky_bringup.console.robot_look import link_meshes
+from husky_runtime import graph
+
+_ORIGINS = (graph.FRAME_ODOM, graph.FRAME_WORLD, graph.FRAME_BASE)
+"""Frames that stand still in the picture, the first that there is."""
+_ROOT = "/scene"
+_FOLLOWING = 0.1
+"""Share of the way to the robot that the picture goes in each drawing."""
+_JUMP = 1.0
+"""A way that is longer is gone at once [m]."""
+_AMBIENT = 0.4
+"""Light from all sides, as a share of viser's own."""
+_NEAR, _FAR = 0.05, 300.0
+"""What is nearer or farther is not drawn [m]."""
+_AXES = 0.1
+"""Length of a frame's axes [m]."""
+
+
+class Scene:
+    """Draws frames, the robot's links in them, markers and ground.
+
+    Attributes:
+        missing: what of the robot's description cannot be drawn.
+    """
+
+    def __init__(self, server: ViserServer):
+        """Draw nothing but a grid; the controls of the view are where the page is made just now."""
+        self._server, self._tree = server, FrameTree()
+        self._frames: dict[str, Any] = {}
+        self._meshes: dict[str, trimesh.Trimesh] = {}
+        self._looks: dict[str, Any] = {}
+        self._drawings = Drawings(server.scene, _path, "drawn")
+        self._ground = Drawings(server.scene, _path, "ground")
+        self._layers: dict[str, Any] = {}
+        self._centre = np.zeros(3)
+        self.missing: list[str] = []
+        self._root = server.scene.add_frame(_ROOT, show_axes=False)
+        self._grid = server.scene.add_grid(
+            f"{_ROOT}/grid", infinite_grid=True, cell_size=0.25, section_size=1.0, fade_distance=15
+        )
+        server.scene.configure_environment_map(environment_intensity=_AMBIENT)
+        camera = server.initial_camera
+        camera.position, camera.look_at, camera.fov = (0.9, -1.1, 0.45), (0.0, 0.0, -0.1), 0.8
+        camera.near, camera.far = _NEAR, _FAR
+        gui = server.gui
+        self._origin = gui.add_dropdown(
+            "fixed frame", _ORIGINS[:1], hint="stands still in the picture"
+        )
+        self._follow = gui.add_checkbox("follow the robot", True)
+        self._axes = gui.add_checkbox("axes of frames", False)
+        self._layer_folder = gui.add_folder("drawings", visible=False)
+
+    # What the robot tells ---------------------------------------------------------------------
+    def take_description(self, urdf: str) -> None:
+        """Take a robot's description.
+
+        Raises:
+            ValueError: it is none.
+        """
+        self._meshes, self.missing = link_meshes(urdf)
+        for look in self._looks.values():
+            look.remove()
+        self._looks.clear()
+
+    def take_transforms(self, message: TFMessage) -> None:
+        """Take transforms of `/tf` or `/tf_static`."""
+        for each in message.transforms:
+            place, turn = each.transform.translation, each.transform.rotation
+            pose = (place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w)
+            self._tree.tell(each.header.frame_id, each.child_frame_id, pose)
+
+    def take_markers(self, message: MarkerArray) -> None:
+        """Take markers."""
+        self._drawings.take(message)
+
+    def take_ground(self, message: MarkerArray) -> None:
+        """Take the ground, which is drawn in the place of the grid."""
+        self._ground.clear()
+        self._ground.take(message)
+        self._grid.visible = not message.markers
+
+    def restart(self) -> None:
+        """The robot's time has started again: what was drawn is of another run."""
+        self._drawings.clear()
+
+    @property
+    def skipped(self) -> list[str]:
+        """What is not drawn."""
+        return sorted({*self.missing, *self._drawings.skipped, *self._ground.skipped})
+
+    # Drawing ----------------------------------------------------------------------------------
+    def draw(self, now: float) -> None:
+        """Bring the picture up to a time of the robot [s]."""
+        frames = self._tree.frames()
+        known = [name for name in _ORIGINS if name in frames]
+        options = tuple(known + [name for name in frames if name not in known]) or _ORIGINS[:1]
+        if options != tuple(self._origin.options):
+            self._origin.options = options  # keeps its choice while that is one
+        with self._server.atomic():
+            poses = self._tree.poses(self._origin.value)
+            self._centre_on(poses.get(graph.FRAME_BASE, IDENTITY))
+            # One that nothing hangs on costs as much as another, and is not seen.
+            used = {*self._meshes, *self._drawings.frames(), *self._ground.frames()}
+            placed = {n: p for n, p in poses.items() if n in used or self._axes.value}
+            for name, pose in placed.items():
+                self._place(name, pose)
+            for name, handle in self._frames.items():
+                handle.visible = name in placed
+            self._ground.draw(now)
+            self._drawings.draw(now)
+        self._offer_layers()
+
+    def _centre_on(self, base: Pose) -> None:
+        """Move everything so that the robot stays in the middle of the picture."""
+        if self._follow.value:
+            way = np.array(base[:3]) - self._centre
+            near = float(np.linalg.norm(way)) < _JUMP
+            self._centre += way * (_FOLLOWING if near else 1.0)
+            self._root.position = -self._centre
+
+    def _place(self, name: str, pose: Pose) -> None:
+        frame = self._frames.get(name)
+        if frame is None:
+            frame = self._frames[name] = self._server.scene.add_frame(
+                _path(name), axes_length=_AXES, axes_radius=0.03 * _AXES
+            )
+        x, y, z, qx, qy, qz, qw = pose
+        frame.position, frame.wxyz = (x, y, z), (qw, qx, qy, qz)
+        frame.show_axes = self._axes.value
+        if name in self._meshes and name not in self._looks:
+            self._looks[name] = self._server.scene.add_mesh_trimesh(
+                f"{_path(name)}/look", self._meshes[name]
+            )
+
+    def _offer_layers(self) -> None:
+        """Have a switch for each namespace of markers, and do as it says."""
+        for drawings in (self._ground, self._drawings):
+            for namespace in drawings.namespaces():
+                if namespace not in self._layers:
+                    self._layer_folder.visible = True
+                    with self._layer_folder:
+                        switch = self._server.gui.add_checkbox(namespace.replace("_", " "), True)
+                    self._layers[namespace] = switch
+                drawings.show(namespace, self._layers[namespace].value)
+
+
+def _path(frame: str) -> str:
+    """Return the name of a frame in the scene; a slash in it would be a step of a path."""
+    return f"{_ROOT}/{frame.strip('/').replace('/', '|')}"

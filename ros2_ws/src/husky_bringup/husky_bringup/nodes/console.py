@@ -1,0 +1,147 @@
+"""Node `console`: the robot in a browser.
+
+The page is viser's, and what is on it is the page's affair (`husky_bringup.console`). This node
+listens while somebody looks, and brings the page up to date `rate` times a second of wall time. A
+topic that is faster is thinned out in the middleware's queue: no more is decoded than is drawn.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.serialization import deserialize_message
+from rclpy.subscription import Subscription
+
+from husky_bringup.console.page import SOURCES, Page
+from husky_bringup.console.server import PageServer
+from husky_bringup.definitions import message_class
+from husky_bringup.nodes.incoming import decode
+from husky_bringup.nodes.open_gate import open_gate
+from husky_bringup.nodes.raw_subscription import RawSubscription
+from husky_runtime import graph
+from husky_runtime.nodes import diagnostics, qos
+from husky_runtime.nodes.executor import executor_of
+from husky_runtime.nodes.message_guard import MessageGuard, Refused
+from husky_runtime.nodes.one_clock import OneClock
+from husky_runtime.nodes.parameters import declare
+from husky_runtime.nodes.run import run
+
+_PORT = 8080
+_DEPTH = 100
+"""Messages that wait for the next look at a topic that is drawn whole."""
+_MOST = 4_000_000
+"""Bytes of one message."""
+
+
+@dataclass(slots=True)
+class _Source:
+    """A subscription, and what takes its messages past the node's guard."""
+
+    subscription: RawSubscription
+    enter: Callable[[bytes], None]
+
+
+class Console(OneClock, Node):
+    """Serves the page."""
+
+    def __init__(self) -> None:
+        """Declare parameters, open the page and the gate before it."""
+        super().__init__(graph.CONSOLE)
+        self._rate = declare(
+            self, "rate", 30.0, "drawings in a second of wall time [Hz]", 1.0, 60.0
+        )
+        self._server = PageServer()
+        self._page = Page(self._server, self.get_namespace().strip("/"))
+        self._sources: list[_Source] = []
+        self._taken = 0
+        self.hot: Sequence[Subscription] = []
+        self.create_timer(1.0 / self._rate, self._turn)
+        self._gate = open_gate(self, self._server.get_port(), _PORT, ())
+        self._diagnostics = diagnostics.Diagnostics(self, "browser", self._report)
+        print(f"the robot is at {self._gate.address('http')}", flush=True)
+
+    def _turn(self) -> None:
+        """Take what has come and draw it, while somebody looks."""
+        if bool(self._server.get_clients()) != bool(self._sources):
+            (self._leave if self._sources else self._listen)()
+        for source in self._sources:
+            for _ in range(source.subscription.depth):
+                message = source.subscription.take()
+                if message is None:
+                    break
+                self._taken += 1
+                source.enter(message)
+        if self._sources:
+            self._guard.run("the page", self._draw)
+
+    @property
+    def _guard(self) -> MessageGuard:
+        executor = executor_of(self)
+        assert executor is not None  # which calls the timer
+        return executor.guard
+
+    def _draw(self) -> None:
+        self._page.draw(self.get_clock().now().nanoseconds / 1e9, time.monotonic())
+        self._server.flush()
+
+    def _listen(self) -> None:
+        """Subscribe to what the page shows; what is latched comes at once."""
+        for row in graph.TOPICS:
+            if row.relative in SOURCES:
+                topic = replace(row, relative=self.resolve_topic_name(row.relative))
+                take = partial(self._take, row.relative, message_class(row.type))
+                enter = self._guard.guarded(take, topic.name, bytes, raw=True)
+                depth = 1 if row.rate > self._rate else _DEPTH
+                subscription = RawSubscription(self, topic, qos.PROFILES[row.qos], depth)
+                self._sources.append(_Source(subscription, enter))
+
+    def _leave(self) -> None:
+        for source in self._sources:
+            source.subscription.close()
+        self._sources.clear()
+
+    def _take(self, topic: str, kind: Any, data: bytes) -> None:
+        """Take a message of a topic as it came; raises Refused for one that is none."""
+        try:
+            if len(data) > _MOST:
+                raise ValueError(f"{len(data)} bytes, {_MOST} are allowed")
+            whole = topic == graph.ROBOT_DESCRIPTION  # a text longer than others may be
+            message = deserialize_message(data, kind) if whole else decode(data, kind, most=_MOST)
+            self._page.take(topic, message, time.monotonic())
+        except (ValueError, RuntimeError) as error:
+            raise Refused(str(error)) from error
+
+    def _report(self) -> diagnostics.Report:
+        values = {
+            "address": self._gate.address("http").partition("?")[0],
+            "browsers": len(self._server.get_clients()),
+            "connections": self._gate.connections,
+            "refused_connections": self._gate.refused,
+            "messages": self._taken,
+            "skipped": "; ".join(self._page.skipped),
+        }
+        return diagnostics.OK, "serving", values
+
+    def quiet(self) -> None:
+        """Nothing to do: there are no hot subscriptions."""
+
+    def close(self) -> None:
+        """Close the gate and the page."""
+        self._gate.close()
+        self._leave()
+        self._server.stop()
+
+
+def main() -> int:
+    """Run the node."""
+    return run(Console)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,124 @@
+"""A browser of the console's page without a browser: it keeps what the server has told it."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from collections.abc import Iterator
+from typing import Any
+
+import msgspec
+import zstandard
+from viser import __version__
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import connect
+
+_CAMERA = {
+    "type": "ViewerCameraMessage",
+    "wxyz": (1.0, 0.0, 0.0, 0.0),
+    "position": (1.0, 0.0, 0.0),
+    "fov": 1.0,
+    "near": 0.1,
+    "far": 100.0,
+    "image_height": 100,
+    "image_width": 100,
+    "look_at": (0.0, 0.0, 0.0),
+    "up_direction": (0.0, 0.0, 1.0),
+}
+
+
+class PageClient:
+    """A connection to viser's server, and the page as it is by what has come over it.
+
+    Attributes:
+        nodes: kind of each object of the scene by name, e.g. "GlbMessage".
+        positions: of objects [m], by name.
+        gui: properties of each element of the panel, by its number.
+        received: bytes that have come.
+        closed: whether the connection has ended.
+    """
+
+    def __init__(self, address: str, **options: Any):
+        """Connect, and look; options are those of `websockets.sync.client.connect`.
+
+        Raises:
+            websockets.exceptions.InvalidHandshake: it is refused.
+        """
+        protocol = f"viser-v{__version__}"
+        address = address.replace("http", "ws", 1)
+        self._end = contextlib.ExitStack()
+        self._socket = self._end.enter_context(
+            connect(address, subprotocols=[protocol], max_size=None, **options)  # type: ignore[list-item]
+        )
+        self.nodes: dict[str, str] = {}
+        self.positions: dict[str, tuple[float, ...]] = {}
+        self.gui: dict[str, dict[str, Any]] = {}
+        self.received = 0
+        self.closed = False
+        self._reading = threading.Lock()
+        self._thread = threading.Thread(target=self._read, daemon=True)
+        self._thread.start()
+        self.say(**_CAMERA)
+
+    def close(self) -> None:
+        """Say goodbye."""
+        self._end.close()
+        self._thread.join()
+
+    def join(self) -> None:
+        """Wait until the server has ended the connection."""
+        self._thread.join(60.0)
+        assert self.closed
+
+    @contextlib.contextmanager
+    def held(self) -> Iterator[None]:
+        """Read nothing meanwhile, as a page that its browser has put to sleep."""
+        with self._reading:
+            yield
+
+    def say(self, **message: Any) -> None:
+        """Send a message of viser's."""
+        self.send_raw(msgspec.msgpack.encode(message))
+
+    def send_raw(self, data: str | bytes) -> None:
+        """Send anything."""
+        self._socket.send(data)
+
+    def text(self) -> str:
+        """Return all HTML of the panel."""
+        return "\n".join(str(props.get("content", "")) for props in self.gui.values())
+
+    def labels(self) -> set[str]:
+        """Return the labels of the elements of the panel."""
+        return {str(props["label"]) for props in self.gui.values() if props.get("label")}
+
+    def _read(self) -> None:
+        with contextlib.suppress(ConnectionClosed):
+            while True:
+                data = self._socket.recv()
+                with self._reading:
+                    assert isinstance(data, bytes)
+                    self.received += len(data)
+                    for message in _messages(data):
+                        self._take(message)
+        self.closed = True
+
+    def _take(self, message: dict[str, Any]) -> None:
+        kind, name = message["type"], message.get("name", "")
+        if kind == "SetPositionMessage":
+            self.positions[name] = tuple(message["position"])
+        elif kind == "RemoveSceneNodeMessage":
+            self.nodes.pop(name, None)
+        elif kind.startswith("Gui") and kind.endswith("UpdateMessage"):
+            self.gui.setdefault(message["uuid"], {}).update(message["updates"])
+        elif kind.startswith("Gui") and "uuid" in message:
+            self.gui[message["uuid"]] = dict(message.get("props", {}))
+        elif name and "props" in message:
+            self.nodes[name] = kind
+
+
+def _messages(data: bytes) -> list[dict[str, Any]]:
+    """Return the messages of a window; arrays, which stand behind them, are left out."""
+    packed = int.from_bytes(data[8:16], "little")
+    inner = zstandard.ZstdDecompressor().decompress(data[16 : 16 + packed])
+    return list(msgspec.msgpack.decode(inner)["messages"])

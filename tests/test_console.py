@@ -1,0 +1,222 @@
+"""The process `console` without a robot: who gets to the page, and who would bring it down."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import urllib.request
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+pytest.importorskip("rclpy")
+
+from geometry_msgs.msg import Point, TransformStamped
+from node_bench import assert_refused, values_of
+from page_client import PageClient
+from served_bench import ServedBench
+from std_msgs.msg import String
+from tf2_msgs.msg import TFMessage
+from visualization_msgs.msg import Marker, MarkerArray
+from websockets.exceptions import InvalidStatus
+
+from husky_bringup.console.server import PageServer
+from husky_runtime import graph
+from husky_runtime.nodes import qos
+
+pytestmark = pytest.mark.graph
+
+MODULE = "husky_bringup.nodes.console"
+URDF = """<robot name="tested_robot"><link name="body"><visual><geometry>
+<box size="1 1 1"/></geometry></visual></link></robot>"""
+
+
+class ConsoleBench(ServedBench):
+    """A console whose robot is a box that the test's own node tells of."""
+
+    def __init__(self, domain: int, directory: Path):
+        """Make the robot."""
+        super().__init__(domain, directory, MODULE)
+        make = self.node.create_publisher
+        self.description = make(String, graph.ROBOT_DESCRIPTION, qos.LATCHED)
+        self.transforms = make(TFMessage, graph.TF, qos.TF)
+        self.markers = make(MarkerArray, graph.MARKERS, qos.STATUS)
+        self.description.publish(String(data=URDF))
+
+    def client(self, **options: Any) -> PageClient:
+        """Open the page."""
+        client = PageClient(self.address, **options)
+        self.clients.append(client)
+        return client
+
+    def move(self, x: float) -> None:
+        """Move the robot."""
+        moved = TransformStamped(child_frame_id="body")
+        moved.header.frame_id = graph.FRAME_ODOM
+        moved.transform.translation.x = x
+        self.transforms.publish(TFMessage(transforms=[moved]))
+
+    def shows(self, client: PageClient, x: float) -> None:
+        """A page shows where the robot is."""
+        self.wait(
+            lambda: (
+                client.positions.get("/scene/body", (None,))[0] == x
+                and "/scene/body/look" in client.nodes
+            ),
+            f"the robot at {x}",
+            lambda: self.move(x),
+        )
+
+    def is_served(self) -> None:
+        """Whoever comes now is served."""
+        client, place = self.client(), float(len(self.clients))
+        self.shows(client, place)
+
+
+@pytest.fixture(scope="module")
+def console_of_module(
+    domain: int, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[ConsoleBench]:
+    console = ConsoleBench(domain, tmp_path_factory.mktemp("console"))
+    yield console
+    console.close()
+
+
+@pytest.fixture
+def console(console_of_module: ConsoleBench) -> Iterator[ConsoleBench]:
+    console_of_module.serve(connections=20)
+    yield console_of_module
+    console_of_module.begin_anew()
+
+
+def test_the_page_is_a_website(console: ConsoleBench) -> None:
+    with urllib.request.urlopen(console.address) as answer:
+        assert answer.status == 200 and b"<html" in answer.read()
+
+
+def test_a_page_that_comes_later_shows_the_same(console: ConsoleBench) -> None:
+    console.shows(console.client(), 0.5)
+    later = console.client()
+    console.wait(lambda: later.positions.get("/scene/body", (None,))[0] == 0.5, "the same")
+    assert later.nodes == console.clients[0].nodes
+
+
+def test_nobody_listens_while_nobody_looks(console: ConsoleBench) -> None:
+    console.shows(console.client(), 0.5)
+    assert console.transforms.get_subscription_count() == 1
+    console.leave()
+    console.wait(lambda: console.transforms.get_subscription_count() == 0, "nobody")
+    console.is_served()
+
+
+# Nobody brings it down ------------------------------------------------------------------------
+CAMERA = {"type": "ViewerCameraMessage"}
+
+
+@pytest.mark.parametrize(
+    "nonsense",
+    [
+        "text",
+        b"",
+        b"\xff" * 100,
+        b"\xc1",
+        msgspec.msgpack.encode([]),
+        msgspec.msgpack.encode({"type": "NoSuchMessage"}),
+        msgspec.msgpack.encode(CAMERA),
+        msgspec.msgpack.encode({"type": "GuiUpdateMessage", "uuid": "x", "updates": {"value": 1}}),
+        msgspec.msgpack.encode({"type": "ShareUrlRequest"}),
+        b"\x91" * 100_000,
+        b"\x01" * 20_000_000,
+        b"\x01" * 60_000_000,
+    ],
+    ids=lambda nonsense: repr(nonsense[:20]),
+)
+def test_nonsense_over_the_websocket(console: ConsoleBench, nonsense: str | bytes) -> None:
+    client = console.client()
+    console.shows(client, 0.25)
+    client.send_raw(nonsense)
+    console.is_served()
+
+
+def test_fifty_pages_are_served_or_refused(console: ConsoleBench) -> None:
+    served = refused = 0
+    for _ in range(50):
+        try:
+            console.client()
+            served += 1
+        except InvalidStatus as error:
+            assert error.response.status_code == 503
+            refused += 1
+    assert (served, refused) == (20, 30)
+    console.begin_anew()
+    console.is_served()
+
+
+def test_pages_that_do_not_read_hold_up_nobody(console: ConsoleBench) -> None:
+    """What waits for them is the newest of everything, however much has gone by."""
+    stalled = [console.client() for _ in range(6)]
+    for client in stalled:
+        console.shows(client, 0.5)
+    other = console.client()
+    line = Marker(type=Marker.LINE_STRIP, ns="line", action=Marker.ADD)
+    line.header.frame_id, line.scale.x, line.color.a = "body", 0.01, 1.0
+    line.points = [Point(x=0.1 * index) for index in range(4000)]
+
+    def change() -> None:
+        line.points[0].x += 0.1
+        console.markers.publish(MarkerArray(markers=[line]))
+
+    with contextlib.ExitStack() as holds:
+        for client in stalled:
+            holds.enter_context(client.held())
+        before, begin = console.resident_mb(), other.received
+        console.wait(lambda: other.received > begin + 8_000_000, "8 MB at the other", change)
+        assert console.resident_mb() - before < 15.0  # of 48
+        console.is_served()
+
+
+def test_what_is_no_description_is_refused(console: ConsoleBench) -> None:
+    console.shows(console.client(), 0.5)
+    console.description.publish(String(data="<robot"))
+    console.wait_for_report(lambda each: "no XML" in each.message, "the reason")
+    console.description.publish(String(data=URDF))
+    console.is_served()
+
+
+def test_nobody_opens_a_tunnel() -> None:
+    server = PageServer()
+    try:
+        server.request_share_url()  # as a client asks for
+        assert server._share_tunnel is None
+    finally:
+        server.stop()
+
+
+# Who gets in ----------------------------------------------------------------------------------
+def test_others_show_a_token(console: ConsoleBench) -> None:
+    console.serve(host="0.0.0.0", token="open-sesame", connections=20)
+    console.address = f"http://127.0.0.1:{console.address.rpartition(':')[2]}"
+    with pytest.raises(InvalidStatus, match="401"):
+        console.client()
+    console.shows(console.client(additional_headers={"Authorization": "Bearer open-sesame"}), 0.5)
+    console.wait_for_report(lambda each: values_of(each)["refused_connections"] == "1", "counted")
+
+
+def test_pages_of_somebody_else_stay_outside(console: ConsoleBench) -> None:
+    with pytest.raises(InvalidStatus, match="403"):
+        console.client(origin="https://example.org")
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_it_ends_while_somebody_looks(console: ConsoleBench, number: int) -> None:
+    client = console.client()
+    console.shows(client, 0.5)
+    console.end(number)
+    client.join()
+
+
+def test_a_parameter_that_may_not_be_is_named() -> None:
+    assert_refused(MODULE, "rate", rate=0.0)
