@@ -84,13 +84,9 @@ class PageClient:
         """Send anything."""
         self._socket.send(data)
 
-    def text(self) -> str:
-        """Return all HTML of the panel."""
-        return "\n".join(str(props.get("content", "")) for props in self.gui.values())
-
-    def labels(self) -> set[str]:
-        """Return the labels of the elements of the panel."""
-        return {str(props["label"]) for props in self.gui.values() if props.get("label")}
+    def contents(self) -> list[str]:
+        """Return the HTML of the panel, an element each."""
+        return [str(props.get("content", "")) for props in list(self.gui.values())]
 
     def _read(self) -> None:
         with contextlib.suppress(ConnectionClosed):

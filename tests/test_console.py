@@ -141,6 +141,17 @@ def test_nonsense_over_the_websocket(console: ConsoleBench, nonsense: str | byte
     console.is_served()
 
 
+@pytest.mark.parametrize("value", [[1, [2]], {"a": None}, 7, "nothing", None, 1e300])
+def test_values_of_controls_that_are_none(console: ConsoleBench, value: Any) -> None:
+    client = console.client()
+    console.shows(client, 0.25)
+    for uuid in client.gui:
+        client.say(type="GuiUpdateMessage", uuid=uuid, updates={"value": value})
+    console.is_served()
+    report = console.wait_for_report(lambda each: True, "a report")
+    assert report["failed_callbacks"] == "0"
+
+
 def test_fifty_pages_are_served_or_refused(console: ConsoleBench) -> None:
     served = refused = 0
     for _ in range(50):

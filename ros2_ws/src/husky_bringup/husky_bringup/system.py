@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -136,6 +136,17 @@ def simulated_robot(
         specs.append(NodeSpec("husky_bringup", graph.RECORDER, {"output": record}))
     if console:
         specs.append(NodeSpec("husky_bringup", graph.CONSOLE))
+    return _set(specs, settings)
+
+
+def _set(
+    specs: Sequence[NodeSpec], settings: Mapping[str, Mapping[str, ParameterValue]]
+) -> tuple[NodeSpec, ...]:
+    """Return nodes with further parameters.
+
+    Raises:
+        ValueError: settings of a node that is not there.
+    """
     names = [spec.name for spec in specs]
     for name in settings:
         if name not in names:

@@ -163,17 +163,20 @@ class WebGate:
         self.connections = self.refused = 0
         self._tasks: set[asyncio.Task[None] | None] = set()
         self._loop, self._ending = asyncio.new_event_loop(), asyncio.Event()
-        try:
-            start = asyncio.start_server(self._serve, host, port, limit=_HEAD)
-            self._server = self._loop.run_until_complete(start)
-        except BaseException:
-            self._loop.close()
-            raise
+        self._server = self._listen(port)
         self.port: int = self._server.sockets[0].getsockname()[1]
         self._cookie = f"husky_token_{self.port}"  # a browser sends it to all ports of a machine
         live, arguments = self._loop.run_until_complete, (self._live(),)
         self._thread = threading.Thread(target=live, args=arguments, name="gate", daemon=True)
         self._thread.start()
+
+    def _listen(self, port: int) -> asyncio.Server:
+        try:
+            start = asyncio.start_server(self._serve, self._host, port, limit=_HEAD)
+            return self._loop.run_until_complete(start)
+        except BaseException:
+            self._loop.close()
+            raise
 
     def address(self, scheme: str) -> str:
         """Return where to go, with the token."""

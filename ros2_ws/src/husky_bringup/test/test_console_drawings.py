@@ -44,6 +44,9 @@ class Page(Drawings):
     def __getitem__(self, name: str) -> Any:
         return self._scene.get_handle_by_name(f"/odom/drawn/{name}")
 
+    def sees(self, name: str) -> bool:
+        return self[name] is not None and self[name].visible
+
 
 @pytest.fixture
 def page(server: PageServer) -> Page:
@@ -155,14 +158,40 @@ def test_markers_that_change_keep_their_object_until_their_count_changes(page: P
     assert page["boxes_n"] is not first and len(page["boxes_n"].batched_positions) == 4
 
 
+def test_a_line_or_an_arrow_may_become_thicker(page: Page) -> None:
+    for scale in ((0.1, 0.2, 0.3), (0.2, 0.4, 0.6)):
+        page.of(marker(STRIP, 0, points=CORNERS[:2], scale=scale))
+        page.of(marker(ARROW, 1, points=CORNERS[:2], scale=scale))
+        assert page["lines_n"].thickness == scale[0]
+        assert page["arrows_n"].shaft_radius == scale[0] / 2
+
+
+def test_a_marker_may_become_another_and_move_to_another_frame(page: Page) -> None:
+    """One namespace and one number are one marker."""
+    page.of(marker(ARROW))
+    page.of(cube())
+    assert page.sees("boxes_n") and page["arrows_n"] is None
+    page.of(cube(frame="world"))
+    assert page["boxes_n"] is None and page.frames() == {"world"}
+
+
+def test_whatever_a_namespace_is_called_it_has_an_object_of_its_own(page: Page) -> None:
+    names = ("", "markers", "a", "a/b", "a%2Fb", " ")
+    for _ in range(2):
+        page.of(*(cube(0, name) for name in names))
+    assert page.namespaces() == sorted(names)
+    assert len({drawing.handle.name for drawing in page._drawings.values()}) == len(names)
+    assert all(drawing.handle.name.count("/") == 3 for drawing in page._drawings.values())
+
+
 def test_what_is_transparent_is_not_drawn(page: Page) -> None:
     clear = (1.0, 1.0, 1.0, 0.0)
     page.of(cube(0, at=AT), cube(1, colour=clear))
     close(page["boxes_n"].batched_positions, [AT])
     page.of(cube(0, colour=clear))
-    assert not page["boxes_n"].visible
+    assert not page.sees("boxes_n")
     page.of(cube(0))
-    assert page["boxes_n"].visible
+    assert page.sees("boxes_n")
 
 
 def test_a_marker_goes_when_its_time_has_run_out(page: Page) -> None:
@@ -172,15 +201,15 @@ def test_a_marker_goes_when_its_time_has_run_out(page: Page) -> None:
     page.draw(12.1)
     close(page["boxes_n"].batched_positions, [AT])
     page.of(cube(1, stamp=14, lifetime=5), now=15.1)
-    assert page["boxes_n"].visible
+    assert page.sees("boxes_n")
     page.draw(19.1)
-    assert not page["boxes_n"].visible and page.frames() == set()
+    assert not page.sees("boxes_n") and page.frames() == set()
 
 
 @pytest.mark.parametrize(("stamp", "lifetime"), [(0, 0), (0, 2), (10, 0)])
 def test_a_marker_of_no_stamp_or_lifetime_lives_on(page: Page, stamp: int, lifetime: int) -> None:
     page.of(cube(stamp=stamp, lifetime=lifetime), now=1e9)
-    assert page["boxes_n"].visible and page.frames() == {"odom"}
+    assert page.sees("boxes_n") and page.frames() == {"odom"}
 
 
 def test_a_marker_is_deleted_by_its_namespace_and_number(page: Page) -> None:
@@ -188,25 +217,25 @@ def test_a_marker_is_deleted_by_its_namespace_and_number(page: Page) -> None:
     for ns, number in [("n", 0), ("n", 2), ("n", 7), ("unknown", 0)]:
         page.of(Marker(action=Marker.DELETE, ns=ns, id=number))
     close(page["boxes_n"].batched_positions, [AT])
-    assert page["boxes_other"].visible and not page["arrows_n"].visible
+    assert page.sees("boxes_other") and not page.sees("arrows_n")
 
 
 def test_all_markers_are_deleted_and_what_follows_is_drawn(page: Page) -> None:
-    page.of(cube(0), cube(0, "other"))
+    page.of(cube(0, stamp=1, lifetime=1), cube(0, "other"))
     page.of(Marker(action=Marker.DELETEALL), cube(5, at=AT))
     close(page["boxes_n"].batched_positions, [AT])
-    assert not page["boxes_other"].visible
-    page.of(Marker(action=Marker.DELETEALL))
-    assert not page["boxes_n"].visible and page.frames() == set()
+    assert not page.sees("boxes_other")
+    page.of(Marker(action=Marker.DELETEALL), now=9.0)
+    assert not page.sees("boxes_n") and page.frames() == set()
 
 
 def test_a_namespace_is_hidden_and_shown_again_as_it_is_by_then(page: Page) -> None:
-    page.of(cube(), marker(ARROW), cube(0, "other"))
+    page.of(cube(), marker(ARROW, 1), cube(0, "other"))
     for shown in (False, True):
         page.show("n", shown)
         page.of(cube(at=AT))
-        assert page["boxes_n"].visible == page["arrows_n"].visible == shown
-        assert page["boxes_other"].visible
+        assert page.sees("boxes_n") == page.sees("arrows_n") == shown
+        assert page.sees("boxes_other")
     close(page["boxes_n"].batched_positions, [AT])
 
 
@@ -214,7 +243,7 @@ def test_a_namespace_is_hidden_and_shown_again_as_it_is_by_then(page: Page) -> N
 @pytest.mark.parametrize("kind", [Marker.TEXT_VIEW_FACING, Marker.POINTS, Marker.MESH_RESOURCE, -1])
 def test_a_kind_that_is_not_drawn_is_told_and_the_others_are_drawn(page: Page, kind: int) -> None:
     page.of(marker(kind, 0), cube(1))
-    assert page.skipped == {f"markers of type {kind}"} and page["boxes_n"].visible
+    assert page.skipped == {f"markers of type {kind}"} and page.sees("boxes_n")
 
 
 def test_no_more_is_drawn_than_is_allowed(page: Page, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -225,6 +254,9 @@ def test_no_more_is_drawn_than_is_allowed(page: Page, monkeypatch: pytest.Monkey
     page.of(cube(0, "c"), cube(1, "b"))
     assert page["boxes_c"] is None and len(page["boxes_b"].batched_positions) == 2
     assert page.skipped == {"more than 2 namespaces"} and page.namespaces() == ["b", "n"]
+    page.of(Marker(action=Marker.DELETE, ns="b", id=1), Marker(action=Marker.DELETE, ns="b", id=0))
+    page.of(cube(0, "c"))
+    assert page.sees("boxes_c"), "one that is empty does not count"
     page.of(cube(3), cube(2, at=AT))
     close(page["boxes_n"].batched_positions, [(0.0, 0.0, 0.0), (0.0, 0.0, 0.0), AT])
     assert page.skipped == {"more than 2 namespaces", "more than 3 markers of n"}
@@ -236,14 +268,14 @@ def test_no_more_is_drawn_than_is_allowed(page: Page, monkeypatch: pytest.Monkey
 def test_markers_of_too_few_points_are_nothing(page: Page, kind: int, count: int) -> None:
     page.of(marker(kind, 0, points=CORNERS[:count]), cube(0, "other"))
     name = {CUBES: "boxes_n", BALLS: "balls_n"}.get(kind, "lines_n")
-    assert page["boxes_other"].visible and page[name] is None
+    assert page.sees("boxes_other") and page[name] is None
     page.of(marker(kind, 1, points=CORNERS[:2]))
-    assert page[name].visible
+    assert page.sees(name)
 
 
 def test_a_quaternion_of_zeros_is_no_turn(page: Page) -> None:
-    for kind in (ARROW, STRIP, CUBES):
-        page.of(marker(kind, points=CORNERS[:2], at=AT, turn=(0.0, 0.0, 0.0, 0.0)))
+    for number, kind in enumerate((ARROW, STRIP, CUBES)):
+        page.of(marker(kind, number, points=CORNERS[:2], at=AT, turn=(0.0, 0.0, 0.0, 0.0)))
     ends = page["arrows_n"].points[0], page["lines_n"].points[0], page["boxes_n"].batched_positions
     close(ends, [[AT, (2.0, 2.0, 3.0)]] * 3)
     close(page["boxes_n"].batched_wxyzs, [(1.0, 0.0, 0.0, 0.0)] * 2)

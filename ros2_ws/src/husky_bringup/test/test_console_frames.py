@@ -155,3 +155,16 @@ def test_of_a_child_that_is_its_parents_parent_each_sees_the_other() -> None:
     tree.tell("a", "b", shifted(1.0))
     tree.tell("b", "a", shifted(3.0))
     assert set(tree.poses("a")) == set(tree.poses("b")) == {"a", "b"}
+
+
+def test_a_loop_that_ends_has_lost_nobody() -> None:
+    tree = FrameTree()
+    for parent, child in (("a", "b"), ("b", "a"), ("c", "a")):
+        tree.tell(parent, child, shifted(1.0))
+    assert set(tree.poses("c")) == {"a", "b", "c"}
+
+
+def test_a_frame_without_a_name_is_one() -> None:
+    tree = FrameTree()
+    tree.tell("x", "", shifted(1.0))
+    assert tree.poses("")["x"][0] == -tree.poses("x")[""][0] != 0.0

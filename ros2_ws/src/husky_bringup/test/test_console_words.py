@@ -1,4 +1,4 @@
-"""Curves and words of the page: what a real server has been given to show."""
+"""Words of the page: what a real server has been given to show."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import re
 from collections.abc import Iterator
 from html.parser import HTMLParser
 
-import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from hypothesis import given
@@ -15,7 +14,6 @@ from hypothesis import strategies as st
 
 from husky_bringup.console import panels
 from husky_bringup.console.panels import Facts, Reports, table
-from husky_bringup.console.plots import PERIOD, SPAN, Plot, colour_of
 from husky_bringup.console.server import PageServer
 
 EVIL = "<script>alert('1')</script>&lt;\"'"
@@ -26,11 +24,6 @@ def server() -> Iterator[PageServer]:
     started = PageServer()
     yield started
     started.stop()
-
-
-@pytest.fixture
-def plot(server: PageServer) -> Plot:
-    return Plot(server.gui, "plot")
 
 
 @pytest.fixture
@@ -60,76 +53,6 @@ class Cells(HTMLParser):
 
     def handle_data(self, data: str) -> None:
         self.rows[-1][-1] += data
-
-
-def seconds(plot: Plot) -> list[float]:
-    """The times of what is shown."""
-    plot.draw()
-    return list(plot._handle.data[0])
-
-
-# Plots --------------------------------------------------------------------------------------------
-def test_a_plot_shows_its_points_by_curve(plot: Plot) -> None:
-    assert not plot._folder.visible and plot._handle is None
-    plot.add(1.0, {})
-    plot.draw()
-    assert not plot._folder.visible, "there is no curve yet"
-    plot.add(1.0, {"left": 5.0, "right": -5.0})
-    plot.add(2.0, {"left": 6.0, "right": -6.0})
-    plot.draw()
-    shown = plot._handle
-    assert [each.tolist() for each in shown.data] == [[1.0, 2.0], [5.0, 6.0], [-5.0, -6.0]]
-    assert [curve["label"] for curve in shown.series] == ["t [s]", "left", "right"]
-    assert plot._folder.visible and shown.series[1]["stroke"] != shown.series[2]["stroke"]
-    plot.add(3.0, {"left": 7.0, "right": -7.0})
-    assert len(shown.data[0]) == 2, "nothing changes before it is drawn"
-    assert seconds(plot) == [1.0, 2.0, 3.0] and plot._handle is shown
-
-
-def test_points_come_no_closer_than_the_period_and_hardly_later(plot: Plot) -> None:
-    step = PERIOD / 7
-    for index in range(300):
-        plot.add(step * index, {"a": 1.0})
-    ways = np.diff(seconds(plot))
-    assert len(ways) > 30 and (ways > PERIOD - 1e-5).all() and (ways < PERIOD + step).all()
-
-
-def test_points_at_the_period_are_all_taken_however_they_are_rounded(plot: Plot) -> None:
-    times = [1000.0 + PERIOD * index for index in range(150)]
-    for time in times:
-        plot.add(time, {"a": 1.0})
-    assert seconds(plot) == times
-
-
-def test_a_plot_keeps_its_span(plot: Plot) -> None:
-    for index in range(600):
-        plot.add(PERIOD * index, {"a": float(index)})
-    first, *_, last = seconds(plot)
-    assert last == PERIOD * 599 and SPAN - PERIOD < last - first <= SPAN
-    assert plot._handle.data[1][-1] == 599.0
-
-
-def test_time_that_goes_back_starts_the_plot_anew(plot: Plot) -> None:
-    for time in (5.0, 6.0, 0.5, 1.0):
-        plot.add(time, {"a": time})
-    assert seconds(plot) == [0.5, 1.0] and plot._handle.data[1].tolist() == [0.5, 1.0]
-
-
-def test_other_curves_start_the_plot_anew_in_the_place_of_the_old(plot: Plot) -> None:
-    plot.add(1.0, {"a": 1.0})
-    plot.draw()
-    old = plot._handle
-    plot.add(1.001, {"b": 2.0, "c": 3.0})
-    assert seconds(plot) == [1.001]
-    assert [curve["label"] for curve in plot._handle.series[1:]] == ["b", "c"]
-    assert old not in plot._folder._children.values()
-    assert list(plot._folder._children.values()) == [plot._handle]
-
-
-@pytest.mark.parametrize("count", [1, 2, 4, 12])
-def test_each_curve_has_a_colour_of_its_own(count: int) -> None:
-    colours = {colour_of(index, count) for index in range(count)}
-    assert len(colours) == count and all(re.fullmatch("#[0-9a-f]{6}", each) for each in colours)
 
 
 # Facts --------------------------------------------------------------------------------------------

@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
+from urllib.parse import quote
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -38,8 +39,14 @@ class _Drawing:
     markers: dict[int, Marker] = field(default_factory=dict)
     until: dict[int, float] = field(default_factory=dict)  # robot's time [s], by marker
     handle: Any = None
-    count: int = -1  # of what the object consists of
+    form: tuple[Any, ...] = ()  # what cannot be changed of the object
     changed: bool = True
+
+    def drop(self, number: int) -> None:
+        """Forget a marker, if there is such a one."""
+        self.markers.pop(number, None)
+        self.until.pop(number, None)
+        self.changed = True
 
 
 class Drawings:
@@ -63,21 +70,20 @@ class Drawings:
         self.skipped: set[str] = set()
 
     def namespaces(self) -> list[str]:
-        """Return the namespaces that there have been, in alphabetic order."""
+        """Return the namespaces that there are now, in alphabetic order."""
         return sorted({namespace for _, namespace, _ in self._drawings})
 
     def frames(self) -> set[str]:
         """Return the frames in which there is something drawn."""
-        return {frame for (frame, _, _), drawing in self._drawings.items() if drawing.markers}
+        return {frame for frame, _, _ in self._drawings}
 
     def show(self, namespace: str, shown: bool) -> None:
         """Show the markers of a namespace, or hide them."""
         if shown != (namespace in self._hidden):
             return
         (self._hidden.discard if shown else self._hidden.add)(namespace)
-        for (_, name, _), drawing in self._drawings.items():
-            if name == namespace:
-                drawing.changed = True
+        for _, drawing in self._of(namespace):
+            drawing.changed = True
 
     def take(self, message: MarkerArray) -> None:
         """Take markers that are added, changed or deleted."""
@@ -85,7 +91,8 @@ class Drawings:
             if marker.action == Marker.DELETEALL:
                 self.clear()
             elif marker.action == Marker.DELETE:
-                self._delete(marker.ns, marker.id)
+                for _, drawing in self._of(marker.ns):
+                    drawing.drop(marker.id)
             elif marker.type in _FAMILY_OF:
                 self._add(marker)
             else:
@@ -94,41 +101,44 @@ class Drawings:
     def clear(self) -> None:
         """Forget all markers."""
         for drawing in self._drawings.values():
-            drawing.markers.clear()
-            drawing.until.clear()
-            drawing.changed = True
+            for number in list(drawing.markers):
+                drawing.drop(number)
 
     def draw(self, now: float) -> None:
         """Bring the scene up to a time of the robot [s]: what has had its time goes."""
-        for group, drawing in self._drawings.items():
+        for group, drawing in list(self._drawings.items()):
             for number in [n for n, until in drawing.until.items() if until < now]:
-                del drawing.markers[number], drawing.until[number]
-                drawing.changed = True
+                drawing.drop(number)
             if drawing.changed:
-                self._redraw(group, drawing)
                 drawing.changed = False
+                self._redraw(group, drawing)
+            if not drawing.markers:
+                if drawing.handle is not None:
+                    drawing.handle.remove()
+                del self._drawings[group]
+
+    def _of(self, namespace: str) -> list[tuple[Group, _Drawing]]:
+        return [(group, each) for group, each in self._drawings.items() if group[1] == namespace]
 
     def _add(self, marker: Marker) -> None:
+        """Take a marker, and the place of the one of its number."""
         group = marker.header.frame_id, marker.ns, _FAMILY_OF[marker.type]
-        drawing = self._drawings.get(group)
-        if drawing is None:
-            if len(self._drawings) >= _MOST_GROUPS:
-                self.skipped.add(f"more than {_MOST_GROUPS} namespaces")
-                return
-            drawing = self._drawings[group] = _Drawing()
+        for other, drawing in self._of(marker.ns):
+            if other != group and marker.id in drawing.markers:
+                drawing.drop(marker.id)
+        if group not in self._drawings and len(self._drawings) >= _MOST_GROUPS:
+            self.skipped.add(f"more than {_MOST_GROUPS} namespaces")
+            return
+        drawing = self._drawings.setdefault(group, _Drawing())
         if marker.id not in drawing.markers and len(drawing.markers) >= _MOST_MARKERS:
             self.skipped.add(f"more than {_MOST_MARKERS} markers of {marker.ns}")
             return
+        if marker.colors:
+            self.skipped.add("colours of single points")
         stamp, lifetime = _seconds(marker.header.stamp), _seconds(marker.lifetime)
         drawing.markers[marker.id] = marker
         drawing.until[marker.id] = stamp + lifetime if stamp > 0.0 < lifetime else math.inf
         drawing.changed = True
-
-    def _delete(self, namespace: str, number: int) -> None:
-        for (_, name, _), drawing in self._drawings.items():
-            if name == namespace and number in drawing.markers:
-                del drawing.markers[number], drawing.until[number]
-                drawing.changed = True
 
     def _redraw(self, group: Group, drawing: _Drawing) -> None:
         frame, namespace, family = group
@@ -140,9 +150,10 @@ class Drawings:
             if drawing.handle is not None:
                 drawing.handle.visible = False
             return
-        if count != drawing.count:
-            path = f"{self._path_of(frame)}/{self._title}/{family}_{namespace or 'markers'}"
-            drawing.handle, drawing.count = kind.add(self._scene, path, arrays, seen[0]), count
+        form = (count, *kind.common(seen[0]))
+        if form != drawing.form:
+            path = f"{self._path_of(frame)}/{self._title}/{family}_{quote(namespace, safe='')}"
+            drawing.handle, drawing.form = kind.add(self._scene, path, arrays, *form[1:]), form
         else:
             for name, values in arrays.items():
                 setattr(drawing.handle, name, values)
@@ -160,12 +171,13 @@ class _Family:
 
     Attributes:
         arrays: returns the properties of an object of some markers.
-        add: adds an object of these properties under a name; sizes that all its parts have in
-            common are those of the first marker.
+        common: returns the sizes that all its parts have, which are those of the first marker.
+        add: adds an object of these properties and sizes under a name.
     """
 
     arrays: Callable[[Sequence[Marker]], Arrays]
-    add: Callable[[SceneApi, str, Arrays, Marker], Any]
+    common: Callable[[Marker], tuple[float, ...]]
+    add: Callable[..., Any]
 
 
 def _arrows(markers: Sequence[Marker]) -> Arrays:
@@ -173,14 +185,19 @@ def _arrows(markers: Sequence[Marker]) -> Arrays:
     return {"points": _floats(ends), "colors": _colours([_rgb(marker) for marker in markers])}
 
 
-def _add_arrows(scene: SceneApi, path: str, arrays: Arrays, marker: Marker) -> Any:
+def _thickness(marker: Marker) -> tuple[float, ...]:
+    """Return the radii of an arrow's shaft and head, and the length of its head [m]."""
     scale = marker.scale
-    if marker.points:  # of the shaft and of the head, and the head's length
-        shaft, head, length = scale.x, scale.y, scale.z or _HEAD * scale.y
-    else:  # length, width, height
-        shaft, head, length = scale.y, 2 * scale.y, 2 * _HEAD * scale.y
+    if marker.points:  # diameters, and the head's length or nothing
+        return scale.x / 2, scale.y / 2, scale.z or _HEAD * scale.y
+    return scale.y / 2, scale.y, 2 * _HEAD * scale.y  # length, width, height
+
+
+def _add_arrows(
+    scene: SceneApi, path: str, arrays: Arrays, shaft: float, head: float, length: float
+) -> Any:
     return scene.add_arrows(
-        path, **arrays, shaft_radius=shaft / 2, head_radius=head / 2, head_length=length
+        path, **arrays, shaft_radius=shaft, head_radius=head, head_length=length
     )
 
 
@@ -206,8 +223,8 @@ def _segments(marker: Marker) -> Array:
     return points[: len(points) // 2 * 2].reshape(-1, 2, 3)
 
 
-def _add_lines(scene: SceneApi, path: str, arrays: Arrays, marker: Marker) -> Any:
-    return scene.add_line_segments(path, **arrays, thickness=marker.scale.x)
+def _add_lines(scene: SceneApi, path: str, arrays: Arrays, thickness: float) -> Any:
+    return scene.add_line_segments(path, **arrays, thickness=thickness)
 
 
 def _solids(markers: Sequence[Marker]) -> Arrays:
@@ -221,25 +238,25 @@ def _solids(markers: Sequence[Marker]) -> Arrays:
     }
 
 
-def _adder(unit: Shape) -> Callable[[SceneApi, str, Arrays, Marker], Any]:
-    """Return what adds solids of a form, given with its measures 1 m."""
+def _solid_family(unit: Shape) -> _Family:
+    """Return the family of solids of a form, which is given with its measures 1 m."""
     vertices, faces = triangulate([unit])
 
-    def add(scene: SceneApi, path: str, arrays: Arrays, marker: Marker) -> Any:
+    def add(scene: SceneApi, path: str, arrays: Arrays) -> Any:
         # A ground that threw shadows would throw them on itself, in stripes.
         return scene.add_batched_meshes_simple(
             path, vertices, faces, **arrays, lod="off", cast_shadow=False
         )
 
-    return add
+    return _Family(_solids, lambda marker: (), add)
 
 
 _FAMILIES = {
-    "arrows": _Family(_arrows, _add_arrows),
-    "lines": _Family(_lines, _add_lines),
-    "boxes": _Family(_solids, _adder(Shape("box", (1.0, 1.0, 1.0), ORIGIN, ORIGIN, ""))),
-    "balls": _Family(_solids, _adder(Shape("sphere", (0.5,), ORIGIN, ORIGIN, ""))),
-    "cylinders": _Family(_solids, _adder(Shape("cylinder", (0.5, 1.0), ORIGIN, ORIGIN, ""))),
+    "arrows": _Family(_arrows, _thickness, _add_arrows),
+    "lines": _Family(_lines, lambda marker: (marker.scale.x,), _add_lines),
+    "boxes": _solid_family(Shape("box", (1.0, 1.0, 1.0), ORIGIN, ORIGIN, "")),
+    "balls": _solid_family(Shape("sphere", (0.5,), ORIGIN, ORIGIN, "")),
+    "cylinders": _solid_family(Shape("cylinder", (0.5, 1.0), ORIGIN, ORIGIN, "")),
 }
 _FAMILY_OF = {
     Marker.ARROW: "arrows",
@@ -274,7 +291,7 @@ def _placed(marker: Marker, points: Array) -> Array:
 def _turn(marker: Marker) -> tuple[float, float, float, float]:
     """Return how a marker is turned (w, x, y, z); one that says nothing is not."""
     q = marker.pose.orientation
-    norm = math.sqrt(q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z)
+    norm = math.hypot(q.w, q.x, q.y, q.z)
     return (q.w / norm, q.x / norm, q.y / norm, q.z / norm) if norm > 0.0 else (1.0, 0.0, 0.0, 0.0)
 
 

@@ -12,45 +12,44 @@ Pose = tuple[float, ...]
 IDENTITY: Pose = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
 
+_MOST = 1000
+"""Frames that are known; later ones are not."""
+
+
 class FrameTree:
     """The frames of `/tf` and `/tf_static`; time plays no part, the newest counts."""
 
     def __init__(self) -> None:
         """Know no frame."""
-        self._parent: dict[str, tuple[str, Pose]] = {}
-        self._near: dict[str, set[str]] = {}
+        self._told: dict[str, tuple[str, Pose]] = {}
 
     def tell(self, parent: str, child: str, pose: Sequence[float]) -> None:
         """Take a transform: the pose of a child in its parent, where else it may have been."""
-        before = self._parent.get(child)
-        if before is None or before[0] != parent:
-            if before is not None:
-                self._near[before[0]].discard(child)
-                self._near[child].discard(before[0])
-            self._near.setdefault(parent, set()).add(child)
-            self._near.setdefault(child, set()).add(parent)
-        self._parent[child] = parent, tuple(pose)
+        if child in self._told or len(self._told) < _MOST:
+            self._told[child] = parent, tuple(pose)
 
     def frames(self) -> list[str]:
         """Return the names of all frames."""
-        return sorted(self._near)
+        return sorted({*self._told, *(parent for parent, _ in self._told.values())})
 
     def poses(self, origin: str) -> dict[str, Pose]:
         """Return the poses in one frame of all that hang together with it."""
+        children: dict[str, list[str]] = {}
+        for child, (parent, _) in self._told.items():
+            children.setdefault(parent, []).append(child)
         found = {origin: IDENTITY}
         waiting = [origin]
         while waiting:
             frame = waiting.pop()
-            for other in self._near.get(frame, ()):
+            steps = {child: self._told[child][1] for child in children.get(frame, ())}
+            if frame in self._told:
+                parent, pose = self._told[frame]
+                steps.setdefault(parent, inverse(pose))
+            for other, step in steps.items():
                 if other not in found:
-                    found[other] = compose(found[frame], self._step(frame, other))
+                    found[other] = compose(found[frame], step)
                     waiting.append(other)
         return found
-
-    def _step(self, frame: str, other: str) -> Pose:
-        """Return the pose of a frame in the one beside it."""
-        parent, pose = self._parent.get(other, ("", IDENTITY))
-        return pose if parent == frame else inverse(self._parent[frame][1])
 
 
 def compose(outer: Pose, inner: Pose) -> Pose:

@@ -26,6 +26,8 @@ from husky_runtime import graph
 
 _SLOWER = 8
 """Drawings of the picture to one of plots and words."""
+_SILENT = 2.0
+"""Wall time without a word from the robot after which the page says so [s]."""
 
 
 class Page:
@@ -48,7 +50,7 @@ class Page:
         server.gui.set_panel_label(title or "no robot yet")
         self._server, self._title = server, title
         self._ratings: dict[str, float] = {}
-        self._time, self._turn = 0.0, 0
+        self._time, self._heard, self._turn = 0.0, 0.0, 0
         tabs = server.gui.add_tab_group()
         with tabs.add_tab("Robot"):
             self._facts = Facts(server.gui, _FACTS)
@@ -77,9 +79,10 @@ class Page:
         Raises:
             ValueError: there is no sense in it.
         """
-        if topic == graph.DIAGNOSTICS:
+        if topic == graph.DIAGNOSTICS:  # which any node tells, also that of the page
             self._reports.tell(message, wall_time)
         else:
+            self._heard = wall_time
             _TAKERS[topic](self, message)
 
     def draw(self, now: float, wall_time: float) -> None:
@@ -95,7 +98,9 @@ class Page:
         self._scene.draw(now)
         self._turn = (self._turn + 1) % _SLOWER
         if self._turn == 0:
-            self._facts.tell(graph.CLOCK, [("time", f"{now:.1f} s")])
+            silent = wall_time - self._heard
+            word = f", silent for {silent:.0f} s" if silent > _SILENT else ""
+            self._facts.tell(graph.CLOCK, [("time", f"{now:.1f} s{word}")])
             self._facts.draw()
             self._reports.draw(wall_time)
         elif self._turn == _SLOWER // 2:
@@ -121,14 +126,16 @@ class Page:
 
     def _on_odometry(self, message: Odometry) -> None:
         q, v = message.pose.pose.orientation, message.twist.twist.linear
-        angles = map(math.degrees, to_roll_pitch_yaw((q.x, q.y, q.z, q.w)))
+        roll, pitch, yaw = map(math.degrees, to_roll_pitch_yaw((q.x, q.y, q.z, q.w)))
         now = _seconds(message.header.stamp)
-        self._plots[_ATTITUDE].add(now, dict(zip(("roll", "pitch", "yaw"), angles, strict=True)))
+        self._plots[_ATTITUDE].add(now, {"roll": roll, "pitch": pitch})
+        self._plots[_HEADING].add(now, {"yaw": yaw})
         self._plots[_SPEED].add(now, {"ahead": v.x, "left": v.y, "up": v.z})
 
     def _on_joints(self, message: JointState) -> None:
         now = _seconds(message.header.stamp)
-        chosen = [name for name in message.name if fnmatchcase(name, self._joints.value.strip())]
+        wanted = str(self._joints.value).strip()  # whatever a client has sent
+        chosen = [name for name in message.name if fnmatchcase(name, wanted)]
         angles = dict(zip(message.name, message.position, strict=False))
         torques = dict(zip(message.name, message.effort, strict=False))
         self._plots[_ANGLES].add(now, {name: math.degrees(angles[name]) for name in chosen})
@@ -178,10 +185,10 @@ _FACTS = (
     graph.CLOCK,
 )
 _BRAND = (176, 32, 48)
-_ATTITUDE, _SPEED = "attitude [deg]", "speed of the base [m/s]"
+_ATTITUDE, _HEADING, _SPEED = "attitude [deg]", "heading [deg]", "speed of the base [m/s]"
 _ANGLES, _TORQUES = "joint angles [deg]", "joint torques [% of the rating]"
 _THRUST, _FANS, _BATTERY = "thrust [N]", "fans [1000/min]", "battery [V, A]"
-_PLOTS = (_ATTITUDE, _SPEED, _ANGLES, _TORQUES, _THRUST, _FANS, _BATTERY)
+_PLOTS = (_ATTITUDE, _HEADING, _SPEED, _ANGLES, _TORQUES, _THRUST, _FANS, _BATTERY)
 
 _TAKERS: dict[str, Callable[[Page, Any], None]] = {
     graph.ROBOT_DESCRIPTION: Page._on_description,

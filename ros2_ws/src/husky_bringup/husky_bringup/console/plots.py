@@ -1,13 +1,20 @@
-"""Curves over the robot's time: the last seconds of what it measures."""
+"""Curves over the robot's time: the last seconds of what it measures, as drawings (SVG).
+
+viser's own plots let the view of time slip when data comes while they are being made, and show no
+values but under the mouse.
+"""
 
 from __future__ import annotations
 
 import colorsys
+import math
 from collections import deque
-from typing import Any
+from html import escape
 
 import numpy as np
-from viser import GuiApi, uplot
+from viser import GuiApi
+
+from husky_description.arrays import Array
 
 SPAN = 10.0
 """Of the robot's time that a plot shows [s]."""
@@ -15,8 +22,15 @@ PERIOD = 0.05
 """Of the robot's time between two points, at least [s]."""
 _SLACK = 1e-6
 """By how much a point may come early [s]."""
-_HEIGHT = 200
-"""Of a plot with its legend [pixels]."""
+
+_WIDTH, _HEIGHT, _LEFT, _BOTTOM = 400, 150, 42, 16
+"""Of a drawing, and what labels take of it, in units of its own."""
+_FINE = 4
+"""Parts of such a unit in which curves are given, in whole numbers."""
+_LABELS = 5
+"""Labels beside the axis of values, about."""
+_TIMES = 2.0
+"""Between two labels of time [s]."""
 
 
 class Plot:
@@ -27,11 +41,11 @@ class Plot:
 
     def __init__(self, gui: GuiApi, title: str):
         """Show nothing yet; the plot will be where in the page it is made."""
-        self._gui, self._folder = gui, gui.add_folder(title, visible=False)
+        self._folder = gui.add_folder(title, visible=False)
+        with self._folder:
+            self._html = gui.add_html("")
         self._names: tuple[str, ...] = ()
         self._points: deque[tuple[float, ...]] = deque()
-        self._shown: tuple[str, ...] = ()
-        self._handle: Any = None
         self._fresh = False
 
     def add(self, time: float, values: dict[str, float]) -> None:
@@ -39,7 +53,7 @@ class Plot:
 
         Args:
             time: of the robot [s]; one before the last starts the plot anew.
-            values: by the names of the curves; other names than before start it anew, too.
+            values: by the names of the curves, NaN for none; other names start the plot anew, too.
         """
         if not values:
             return
@@ -56,31 +70,95 @@ class Plot:
 
     def draw(self) -> None:
         """Bring the page up to date."""
-        if not self._fresh:
-            return
-        self._fresh = False
-        data = tuple(np.array(self._points, dtype=float).T)
-        if self._shown == self._names:
-            self._handle.data = data
-            return
-        if self._handle is not None:
-            self._handle.remove()
-        with self._folder:
-            self._handle = self._gui.add_uplot(
-                data, self._series(), scales={"x": uplot.Scale(time=False)}, height=_HEIGHT
-            )
-        self._folder.visible, self._shown = True, self._names
+        if self._fresh:
+            self._fresh = False
+            self._html.content = picture(self._names, np.array(self._points))
+            self._folder.visible = True
 
-    def _series(self) -> tuple[uplot.Series, ...]:
-        count = len(self._names)
-        curves = [
-            uplot.Series(label=name, stroke=colour_of(index, count), width=1.5)
-            for index, name in enumerate(self._names)
-        ]
-        return (uplot.Series(label="t [s]"), *curves)
+
+def picture(names: tuple[str, ...], points: Array) -> str:
+    """Return curves with axes, and a legend with their newest values, as HTML.
+
+    Args:
+        names: of the curves.
+        points: for each time a row: time [s], then a value of each curve (n, 1 + curves).
+    """
+    times, values = points[:, 0], points[:, 1:]
+    begin, scale = times[-1] - SPAN, (_WIDTH - _LEFT) / SPAN
+    low, high = _range(values)
+    step = _step(high - low)
+    height = (_HEIGHT - _BOTTOM) / (high - low)
+    colours = [colour_of(index, len(names)) for index in range(len(names))]
+    x = np.round(_FINE * scale * (times - begin)).astype(int)
+    y = _FINE * height * (high - np.where(np.isfinite(values), values, np.nan))
+    curves = [_curve(x, column, colour) for column, colour in zip(y.T, colours, strict=True)]
+    labels = [_level(height * (high - v), v, step) for v in _multiples(low, high, step)]
+    labels += [
+        f'<text x="{_LEFT + scale * (t - begin):.0f}" y="{_HEIGHT - 4}" text-anchor="middle">{t:g}'
+        "</text>"
+        for t in _multiples(begin + 0.5, times[-1] - 0.5, _TIMES)
+    ]
+    return (
+        f'<svg viewBox="0 0 {_WIDTH} {_HEIGHT}" style="width:100%;font-size:10px" '
+        f'fill="currentColor">{"".join(labels)}<g transform="translate({_LEFT}) '
+        f'scale({1 / _FINE})" fill="none" stroke-width="{1.3 * _FINE}">{"".join(curves)}</g></svg>'
+        f"{_legend(names, values[-1], colours)}"
+    )
 
 
 def colour_of(index: int, count: int) -> str:
     """Return a colour for one of several curves, as `#rrggbb`."""
     parts = colorsys.hls_to_rgb((index / count + 0.58) % 1.0, 0.45, 0.75)
     return "#" + "".join(f"{round(255 * part):02x}" for part in parts)
+
+
+def _range(values: Array) -> tuple[float, float]:
+    """Return between which values to draw: all that there are, and some room."""
+    finite = values[np.isfinite(values)]
+    low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 0.0)
+    room = max(0.05 * (high - low), 1e-3 * max(abs(low), abs(high)), 1e-3)
+    return low - room, high + room
+
+
+def _step(span: float) -> float:
+    """Return the distance of labels that are round numbers."""
+    rough = span / _LABELS
+    decade = 10.0 ** math.floor(math.log10(rough))
+    return next(decade * factor for factor in (1, 2, 5, 10) if decade * factor >= rough)
+
+
+def _multiples(low: float, high: float, step: float) -> Array:
+    """Return the multiples of a step between two values."""
+    return np.arange(math.ceil(low / step), math.floor(high / step) + 1, dtype=float) * step
+
+
+def _level(y: float, value: float, step: float) -> str:
+    """Return a line across at a value, with its label."""
+    digits = max(0, -math.floor(math.log10(step)))
+    line = f'<path d="M{_LEFT} {y:.1f}H{_WIDTH}" stroke="currentColor" stroke-opacity="0.15"/>'
+    return (
+        f'{line}<text x="{_LEFT - 4}" y="{y + 3:.1f}" text-anchor="end">{value:.{digits}f}</text>'
+    )
+
+
+def _curve(x: Array, y: Array, colour: str) -> str:
+    """Return a curve through points; it is interrupted where there is none."""
+    parts, gap = [], True
+    for at, value in zip(x.tolist(), y.tolist(), strict=True):
+        if value != value:
+            gap = True
+            continue
+        parts.append(f"{'M' if gap else 'L'}{at} {value:.0f}")
+        gap = False
+    return f'<path d="{"".join(parts)}" stroke="{colour}"/>'
+
+
+def _legend(names: tuple[str, ...], values: Array, colours: list[str]) -> str:
+    """Return names in their colours, with values."""
+    entries = "".join(
+        f'<span style="white-space:nowrap"><span style="color:{colour}">&#9632;</span> '
+        f"{escape(name)} <b>{value:.4g}</b></span> "
+        for name, value, colour in zip(names, values, colours, strict=True)
+    )
+    style = "display:flex;flex-wrap:wrap;gap:0 0.9em;font-size:0.75em;padding:0 0.6em 0.4em"
+    return f'<div style="{style}">{entries}</div>'

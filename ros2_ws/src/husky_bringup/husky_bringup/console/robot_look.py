@@ -66,27 +66,31 @@ def _shape(visual: ElementTree.Element) -> Shape:
     if form is None or form.tag not in _SIZES:
         what = "nothing" if form is None else f"a {form.tag}"
         raise ValueError(f"{what} is not drawn, there are {', '.join(_SIZES)}")
-    size = [number for name in _SIZES[form.tag] for number in _numbers(form, name)]
-    place = [(0.0, 0.0, 0.0) if origin is None else _numbers(origin, name) for name in _POSE]
-    if len(size) != _COUNTS[form.tag] or min(size) < 0.0 or any(len(p) != 3 for p in place):
-        raise ValueError(f"the measures of a {form.tag} are wrong")
-    return Shape(form.tag, tuple(size), tuple(place[0]), tuple(place[1]), "")
+    size: list[float] = []
+    for name, count in _SIZES[form.tag].items():
+        size += _numbers(form, name, count)
+    if min(size) <= 0.0:
+        raise ValueError(f"the {form.tag} has no extent")
+    xyz, rpy = ((0.0,) * 3 if origin is None else _numbers(origin, n, 3, _ZERO) for n in _POSE)
+    return Shape(form.tag, tuple(size), xyz, rpy, "")
 
 
-_SIZES = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",)}
-_COUNTS = {"box": 3, "cylinder": 2, "sphere": 1}
-_POSE = ("xyz", "rpy")
+_SIZES = {"box": {"size": 3}, "cylinder": {"radius": 1, "length": 1}, "sphere": {"radius": 1}}
+"""By form: attributes, and how many numbers each has."""
+_POSE, _ZERO = ("xyz", "rpy"), "0 0 0"
 
 
-def _numbers(element: ElementTree.Element, name: str) -> tuple[float, ...]:
-    """Return the numbers of an attribute; without it three zeros.
+def _numbers(
+    element: ElementTree.Element, name: str, count: int, default: str = ""
+) -> tuple[float, ...]:
+    """Return the numbers of an attribute.
 
     Raises:
-        ValueError: one of them is none, or not finite.
+        ValueError: there are not so many, or one of them is none, or not finite.
     """
-    found = tuple(float(word) for word in element.get(name, "0 0 0").split())
-    if not np.all(np.isfinite(found)):
-        raise ValueError(f"{name} is not finite")
+    found = tuple(float(word) for word in element.get(name, default).split())
+    if len(found) != count or not np.all(np.isfinite(found)):
+        raise ValueError(f"{name} of {element.tag} must be {count} finite numbers")
     return found
 
 
@@ -101,10 +105,10 @@ def _colour(visual: ElementTree.Element, named: dict[str, Colour]) -> Colour:
 def _rgba(element: ElementTree.Element | None) -> Colour:
     """Return a colour, grey for one that is none."""
     try:
-        found = () if element is None else _numbers(element, "rgba")
+        found = _GREY if element is None else _numbers(element, "rgba", 4)
     except ValueError:
         return _GREY
-    return tuple(np.clip(found, 0.0, 1.0).tolist()) if len(found) == 4 else _GREY
+    return tuple(np.clip(found, 0.0, 1.0).tolist())
 
 
 def _mesh(shapes: Iterable[Shape], colour: Colour) -> trimesh.Trimesh:

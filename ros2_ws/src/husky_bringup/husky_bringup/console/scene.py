@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from typing import Any
+from urllib.parse import quote
 
 import numpy as np
 import trimesh
@@ -111,7 +112,8 @@ class Scene:
         if options != tuple(self._origin.options):
             self._origin.options = options  # keeps its choice while that is one
         with self._server.atomic():
-            poses = self._tree.poses(self._origin.value)
+            chosen = self._origin.value  # whatever a client has sent
+            poses = self._tree.poses(chosen if chosen in options else options[0])
             self._centre_on(poses.get(graph.FRAME_BASE, IDENTITY))
             # One that nothing hangs on costs as much as another, and is not seen.
             used = {*self._meshes, *self._drawings.frames(), *self._ground.frames()}
@@ -140,7 +142,7 @@ class Scene:
             )
         x, y, z, qx, qy, qz, qw = pose
         frame.position, frame.wxyz = (x, y, z), (qw, qx, qy, qz)
-        frame.show_axes = self._axes.value
+        frame.show_axes = bool(self._axes.value)
         if name in self._meshes and name not in self._looks:
             self._looks[name] = self._server.scene.add_mesh_trimesh(
                 f"{_path(name)}/look", self._meshes[name]
@@ -155,9 +157,9 @@ class Scene:
                     with self._layer_folder:
                         switch = self._server.gui.add_checkbox(namespace.replace("_", " "), True)
                     self._layers[namespace] = switch
-                drawings.show(namespace, self._layers[namespace].value)
+                drawings.show(namespace, bool(self._layers[namespace].value))
 
 
 def _path(frame: str) -> str:
     """Return the name of a frame in the scene; a slash in it would be a step of a path."""
-    return f"{_ROOT}/{frame.strip('/').replace('/', '|')}"
+    return f"{_ROOT}/{quote(frame, safe='')}"
