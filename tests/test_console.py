@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import signal
 import urllib.request
 from collections.abc import Iterator
@@ -45,6 +46,7 @@ class ConsoleBench(ServedBench):
         self.transforms = make(TFMessage, graph.TF, qos.TF)
         self.markers = make(MarkerArray, graph.MARKERS, qos.STATUS)
         self.description.publish(String(data=URDF))
+        self._places = itertools.count(1)
 
     def client(self, **options: Any) -> PageClient:
         """Open the page."""
@@ -72,8 +74,7 @@ class ConsoleBench(ServedBench):
 
     def is_served(self) -> None:
         """Whoever comes now is served."""
-        client, place = self.client(), float(len(self.clients))
-        self.shows(client, place)
+        self.shows(self.client(), float(next(self._places)))
 
 
 @pytest.fixture(scope="module")
@@ -105,8 +106,8 @@ def test_a_page_that_comes_later_shows_the_same(console: ConsoleBench) -> None:
 
 
 def test_nobody_listens_while_nobody_looks(console: ConsoleBench) -> None:
-    console.shows(console.client(), 0.5)
-    assert console.transforms.get_subscription_count() == 1
+    console.is_served()
+    console.wait(lambda: console.transforms.get_subscription_count() == 1, "one that listens")
     console.leave()
     console.wait(lambda: console.transforms.get_subscription_count() == 0, "nobody")
     console.is_served()

@@ -88,7 +88,9 @@ def test_torques_are_shares_of_what_each_joint_is_rated_for(page: Seen) -> None:
 
 
 def test_joints_of_a_robot_that_has_told_no_ratings_have_angles_alone(page: Seen) -> None:
-    page.tell(graph.JOINT_STATES, JointState(name=["a"], position=[1.0], effort=[]))
+    odd = '<robot name="odd"><joint name="a"><limit effort="much"/></joint></robot>'
+    page.tell(graph.ROBOT_DESCRIPTION, String(data=odd))
+    page.tell(graph.JOINT_STATES, JointState(name=["a", "b"], position=[1.0], effort=[1.0]))
     page.show(1.0)
     assert list(page.legend("joint angles [deg]")) == ["a"]
     assert page._plots["joint torques [% of the rating]"]._html.content == ""

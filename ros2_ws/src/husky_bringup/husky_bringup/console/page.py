@@ -6,6 +6,7 @@ lengths in its messages, drawings from its markers.
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Callable
 from fnmatch import fnmatchcase
@@ -135,14 +136,13 @@ class Page:
     def _on_joints(self, message: JointState) -> None:
         now = _seconds(message.header.stamp)
         wanted = str(self._joints.value).strip()  # whatever a client has sent
-        chosen = [name for name in message.name if fnmatchcase(name, wanted)]
-        angles = dict(zip(message.name, message.position, strict=False))
-        torques = dict(zip(message.name, message.effort, strict=False))
-        self._plots[_ANGLES].add(now, {name: math.degrees(angles[name]) for name in chosen})
+        angles = zip(message.name, message.position, strict=False)  # either may be left out
+        torques = zip(message.name, message.effort, strict=False)
+        shown = {name: math.degrees(angle) for name, angle in angles if fnmatchcase(name, wanted)}
+        self._plots[_ANGLES].add(now, shown)
+        rated = self._ratings
         shares = {
-            name: 100.0 * torques[name] / self._ratings[name]
-            for name in chosen
-            if name in self._ratings and name in torques
+            n: 100.0 * torque / rated[n] for n, torque in torques if n in rated and n in shown
         }
         self._plots[_TORQUES].add(now, shares)
 
@@ -209,14 +209,14 @@ SOURCES = (*_TAKERS, graph.DIAGNOSTICS)
 
 def ratings(urdf: str) -> dict[str, float]:
     """Return the torque that each joint of a URDF is rated for, where it says so [N m]."""
-    limits = {
-        str(joint.get("name")): joint.find("limit")
-        for joint in ElementTree.fromstring(urdf).findall("joint")
-    }
-    efforts = {
-        name: float(limit.get("effort", "0")) for name, limit in limits.items() if limit is not None
-    }
-    return {name: effort for name, effort in efforts.items() if effort > 0.0}
+    found: dict[str, float] = {}
+    for joint in ElementTree.fromstring(urdf).findall("joint"):
+        limit = joint.find("limit")
+        with contextlib.suppress(ValueError):
+            effort = float(limit.get("effort", "0")) if limit is not None else 0.0
+            if effort > 0.0:
+                found[str(joint.get("name"))] = effort
+    return found
 
 
 def robot_name(urdf: str) -> str:
