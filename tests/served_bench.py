@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from node_bench import NodeBench, values_of
+from websockets.exceptions import InvalidStatus
 
 from husky_runtime.nodes.diagnostics import PERIOD
 
@@ -48,6 +50,17 @@ class ServedBench(NodeBench):
     def value(self, name: str) -> int:
         """Return a number of the newest report."""
         return int(values_of(self.reports[-1])[name]) if self.reports else 0
+
+    def crowd(self, connect: Callable[[], object], count: int = 50) -> tuple[int, int]:
+        """Let many come at once; return how many are served, and how many are refused."""
+        served = 0
+        for _ in range(count):
+            try:
+                connect()
+                served += 1
+            except InvalidStatus as error:
+                assert error.response.status_code == 503
+        return served, count - served
 
     def resident_mb(self) -> float:
         """Return the process's resident memory [MB]."""

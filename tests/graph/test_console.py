@@ -11,7 +11,7 @@ import pytest
 from page_client import PageClient
 from served_bench import ServedBench
 
-from husky_bringup.console.robot_look import link_meshes
+from husky_bringup.console.description import read_description
 from husky_description.robot import load_robot
 from husky_description.urdf import build_urdf
 from husky_runtime import graph
@@ -56,7 +56,7 @@ def test_a_robot_that_walks(trotting: Any, page: PageClient) -> None:
     def shown(condition: Any, what: str) -> None:
         trotting.until(condition, what, within=20.0, step=0.1)
 
-    links = {f"/scene/{name}/look" for name in link_meshes(build_urdf(load_robot("carbon")))[0]}
+    links = {f"/scene/{name}/look" for name in read_description(build_urdf(load_robot())).looks}
     shown(lambda: links <= set(page.nodes), "the links")
     begin = page.positions[BODY][0]
     shown(lambda: page.positions[BODY][0] > begin + 0.2, "the way of the robot")

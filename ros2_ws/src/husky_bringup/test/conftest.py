@@ -6,4 +6,5 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 from bag_fixtures import messages, profiles, typestore, write_bag  # noqa: F401
+from console_bench import server  # noqa: F401
 from gate_bench import echo, gate_to, heads, pages  # noqa: F401

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -25,13 +25,6 @@ TURNED = [(1.0, 2.0, 3.0), (1.0, 3.0, 3.0), (0.0, 3.0, 3.0), (0.0, 3.0, 4.0)]
 ARROW, CUBE, BALL, BALLS = Marker.ARROW, Marker.CUBE, Marker.SPHERE, Marker.SPHERE_LIST
 STRIP, PAIRS, CUBES, ROD = Marker.LINE_STRIP, Marker.LINE_LIST, Marker.CUBE_LIST, Marker.CYLINDER
 Points = Sequence[tuple[float, float, float]]
-
-
-@pytest.fixture(scope="module")
-def server() -> Iterator[PageServer]:
-    started = PageServer()
-    yield started
-    started.stop()
 
 
 class Page(Drawings):
@@ -182,6 +175,22 @@ def test_whatever_a_namespace_is_called_it_has_an_object_of_its_own(page: Page) 
     assert page.namespaces() == sorted(names)
     assert len({drawing.handle.name for drawing in page._drawings.values()}) == len(names)
     assert all(drawing.handle.name.count("/") == 3 for drawing in page._drawings.values())
+
+
+def test_of_an_object_that_changes_only_the_newest_waits_for_who_does_not_keep_up(
+    server: PageServer, page: Page
+) -> None:
+    def change(step: int) -> None:
+        page.of(marker(STRIP, points=[(0, 0, 0), (float(step), 0, 0)]), marker(ARROW, 1))
+        page.of(cube(2, at=(float(step), 0, 0)))
+
+    change(1)
+    change(2)
+    waiting = server._websock_server._broadcast_buffer.message_from_id
+    before = len(waiting)
+    for step in range(3, 100):
+        change(step)
+    assert 0 < len(waiting) <= before
 
 
 def test_what_is_transparent_is_not_drawn(page: Page) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from xml.etree import ElementTree
 
 import numpy as np
@@ -13,7 +14,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from husky_bringup.console.robot_look import link_meshes
+from husky_bringup.console.description import read_description
 from husky_description.robot import load_robot
 from husky_description.triangles import SECTORS
 from husky_description.urdf import build_urdf
@@ -34,6 +35,12 @@ def visual(form: str, more: str = "") -> str:
 
 def robot(visuals: str, more: str = "") -> str:
     return f'<robot name="r">{more}<link name="empty"/><link name="l">{visuals}</link></robot>'
+
+
+def link_meshes(urdf: str) -> tuple[Mapping[str, trimesh.Trimesh], Sequence[str]]:
+    """The looks of links, and what is missing."""
+    read = read_description(urdf)
+    return read.looks, read.missing
 
 
 def look(visuals: str, more: str = "") -> trimesh.Trimesh:

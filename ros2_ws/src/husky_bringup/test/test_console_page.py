@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from typing import Any
 
 import pytest
@@ -14,7 +13,8 @@ from sensor_msgs.msg import BatteryState, JointState
 from std_msgs.msg import String
 from visualization_msgs.msg import Marker, MarkerArray
 
-from husky_bringup.console.page import _SLOWER, SOURCES, Page, ratings
+from husky_bringup.console.description import read_description
+from husky_bringup.console.page import _SLOWER, SOURCES, Page
 from husky_bringup.console.server import PageServer
 from husky_description.robot import ROBOTS, load_robot
 from husky_description.urdf import build_urdf
@@ -44,10 +44,10 @@ class Seen(Page):
 
 
 @pytest.fixture
-def page() -> Iterator[Seen]:
-    server = PageServer()
-    yield Seen(server, "")
-    server.stop()
+def page(server: PageServer) -> Seen:
+    server.scene.reset()
+    server.gui.reset()
+    return Seen(server, "")
 
 
 def at(seconds: int) -> Time:
@@ -60,15 +60,16 @@ def test_every_topic_of_the_page_is_one_of_the_graph() -> None:
 
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_a_robot_has_its_name_its_links_and_its_ratings(page: Seen, robot: str) -> None:
-    numbers, urdf = load_robot(robot), build_urdf(load_robot(robot))
-    page.tell(graph.ROBOT_DESCRIPTION, String(data=urdf))
-    assert set(ratings(urdf)) == set(numbers.joint_names)
-    assert min(ratings(urdf).values()) > 1.0 and page.skipped == []
+    numbers = load_robot(robot)
+    page.tell(graph.ROBOT_DESCRIPTION, String(data=build_urdf(numbers)))
+    ratings = page._robot.ratings
+    assert set(ratings) == set(numbers.joint_names) and min(ratings.values()) > 1.0
+    assert page._robot.name == f"husky {robot}" and page.skipped == []
 
 
 def test_torques_are_shares_of_what_each_joint_is_rated_for(page: Seen) -> None:
     urdf = build_urdf(load_robot())
-    rated = ratings(urdf)
+    rated = read_description(urdf).ratings
     names = list(rated)
     page.tell(graph.ROBOT_DESCRIPTION, String(data=urdf))
     effort = [0.01 * index * rated[name] for index, name in enumerate(names)]
@@ -107,8 +108,8 @@ def test_the_state_in_words(page: Seen) -> None:
     page.show(1.0)
     facts = page.facts()
     assert list(facts)[:3] == ["mode", "why", "gait"] and facts["mode"] == "walk"
-    assert facts["told"] == "+0.25 m/s ahead, -0.50 m/s to the left, +1.00 rad/s"
-    assert facts["battery"] == "25.2 V, 50 %" and page.legend("battery [V, A]")["A"] == 3.0
+    assert facts["command"] == "+0.25 m/s ahead, -0.50 m/s to the left, +1.00 rad/s"
+    assert facts["battery"] == "25.2 V, 50 %" and page.legend("battery [V, A]")["current"] == 3.0
     assert facts["fans"] == "armed, OFFBOARD" and facts["fail-safe"] == "link"
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
 from xml.etree import ElementTree
 
 import numpy as np
@@ -51,13 +50,6 @@ class Read:
     def of(self, name: str) -> tuple[np.ndarray, np.ndarray, int]:
         """Times, values and number of pieces of a curve."""
         return self.curves[next(colour for found, colour, _ in self.legend if found == name)]
-
-
-@pytest.fixture(scope="module")
-def server() -> Iterator[PageServer]:
-    started = PageServer()
-    yield started
-    started.stop()
 
 
 @pytest.fixture

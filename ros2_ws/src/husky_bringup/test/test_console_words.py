@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import colorsys
 import re
-from collections.abc import Iterator
 from html.parser import HTMLParser
 
 import pytest
@@ -17,13 +16,6 @@ from husky_bringup.console.panels import Facts, Reports, table
 from husky_bringup.console.server import PageServer
 
 EVIL = "<script>alert('1')</script>&lt;\"'"
-
-
-@pytest.fixture(scope="module")
-def server() -> Iterator[PageServer]:
-    started = PageServer()
-    yield started
-    started.stop()
 
 
 @pytest.fixture

@@ -19,9 +19,9 @@ def make_parser() -> argparse.ArgumentParser:
         prog="scripts/console.sh",
         description="Show a running robot in the browser; Ctrl-C ends the page, not the robot.",
     )
-    parser.add_argument("--port", type=int, default=8080, help="to listen on, 0 for a free one")
+    parser.add_argument("--port", type=int, help="to listen on instead of 8080, 0 for a free one")
     what = "address to listen on; with 0.0.0.0 other machines get to it, who show a token"
-    parser.add_argument("--host", default="127.0.0.1", help=what)
+    parser.add_argument("--host", help=what)
     parser.add_argument("--token", help="the token; without, one is made and told")
     parser.add_argument("--namespace", type=parse_namespace, default="/", help="of the robot")
     parser.add_argument(
@@ -39,9 +39,8 @@ def command(arguments: Sequence[str] | None = None) -> list[str]:
     options = make_parser().parse_args(arguments)
     if importlib.util.find_spec("viser") is None:
         raise ValueError("the console is not installed here; scripts/setup.sh without --nodes does")
-    parameters: dict[str, ParameterValue] = {"host": options.host, "port": options.port}
-    if options.token is not None:
-        parameters["token"] = options.token
+    given = {"host": options.host, "port": options.port, "token": options.token}
+    parameters: dict[str, ParameterValue] = {n: v for n, v in given.items() if v is not None}
     if options.hardware:
         parameters["use_sim_time"] = False
     spec = NodeSpec("husky_bringup", graph.CONSOLE, parameters)

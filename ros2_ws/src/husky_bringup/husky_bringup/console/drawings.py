@@ -135,7 +135,7 @@ class Drawings:
             return
         if marker.colors:
             self.skipped.add("colours of single points")
-        stamp, lifetime = _seconds(marker.header.stamp), _seconds(marker.lifetime)
+        stamp, lifetime = seconds(marker.header.stamp), seconds(marker.lifetime)
         drawing.markers[marker.id] = marker
         drawing.until[marker.id] = stamp + lifetime if stamp > 0.0 < lifetime else math.inf
         drawing.changed = True
@@ -158,6 +158,11 @@ class Drawings:
             for name, values in arrays.items():
                 setattr(drawing.handle, name, values)
         drawing.handle.visible = True
+
+
+def seconds(time: Any) -> float:
+    """Return a stamp or a duration [s]."""
+    return float(time.sec + 1e-9 * time.nanosec)
 
 
 # Families -------------------------------------------------------------------------------------
@@ -272,11 +277,6 @@ _LISTS = (Marker.CUBE_LIST, Marker.SPHERE_LIST)
 
 
 # Parts of a marker ----------------------------------------------------------------------------
-def _seconds(time: Any) -> float:
-    """Return a stamp or a duration [s]."""
-    return float(time.sec + 1e-9 * time.nanosec)
-
-
 def _points(marker: Marker) -> Array:
     return np.array([(p.x, p.y, p.z) for p in marker.points]).reshape(-1, 3)
 

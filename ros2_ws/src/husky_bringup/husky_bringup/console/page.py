@@ -6,18 +6,18 @@ lengths in its messages, drawings from its markers.
 
 from __future__ import annotations
 
-import contextlib
 import math
 from collections.abc import Callable
 from fnmatch import fnmatchcase
 from typing import Any
-from xml.etree import ElementTree
 
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import BatteryState, JointState
 from std_msgs.msg import String
 from viser import ViserServer
 
+from husky_bringup.console.description import Description, read_description
+from husky_bringup.console.drawings import seconds
 from husky_bringup.console.panels import Facts, Reports
 from husky_bringup.console.plots import Plot
 from husky_bringup.console.scene import Scene
@@ -48,9 +48,9 @@ class Page:
             brand_color=_BRAND,
         )
         server.gui.main_panel.dock_right()
-        server.gui.set_panel_label(title or "no robot yet")
         self._server, self._title = server, title
-        self._ratings: dict[str, float] = {}
+        self._robot = Description(title or "no robot yet", {}, {}, ())
+        server.gui.set_panel_label(self._robot.name)
         self._time, self._heard, self._turn = 0.0, 0.0, 0
         tabs = server.gui.add_tab_group()
         with tabs.add_tab("Robot"):
@@ -67,7 +67,7 @@ class Page:
     @property
     def skipped(self) -> list[str]:
         """What the robot tells and the page does not draw."""
-        return self._scene.skipped
+        return [*self._robot.missing, *self._scene.skipped]
 
     def take(self, topic: str, message: Any, wall_time: float) -> None:
         """Take a message.
@@ -110,9 +110,9 @@ class Page:
 
     # A topic each -----------------------------------------------------------------------------
     def _on_description(self, message: String) -> None:
-        self._scene.take_description(message.data)
-        self._ratings = ratings(message.data)
-        self._server.gui.set_panel_label(f"{robot_name(message.data)} {self._title}".strip())
+        self._robot = read_description(message.data)
+        self._scene.take_looks(self._robot.looks)
+        self._server.gui.set_panel_label(f"{self._robot.name} {self._title}".strip())
 
     def _on_controller(self, message: ControllerState) -> None:
         x, y, yaw = message.commanded_velocity
@@ -120,27 +120,27 @@ class Page:
             ("mode", message.mode),
             ("why", message.reason),
             ("gait", message.gait),
-            ("told", f"{x:+.2f} m/s ahead, {y:+.2f} m/s to the left, {yaw:+.2f} rad/s"),
-            ("base", " ".join(f"{value:+.2f}" for value in message.position) + " m"),
+            ("command", f"{x:+.2f} m/s ahead, {y:+.2f} m/s to the left, {yaw:+.2f} rad/s"),
+            ("position in odom", " ".join(f"{value:+.2f}" for value in message.position) + " m"),
         ]
         self._facts.tell(graph.CONTROLLER_STATE, rows)
 
     def _on_odometry(self, message: Odometry) -> None:
         q, v = message.pose.pose.orientation, message.twist.twist.linear
         roll, pitch, yaw = map(math.degrees, to_roll_pitch_yaw((q.x, q.y, q.z, q.w)))
-        now = _seconds(message.header.stamp)
+        now = seconds(message.header.stamp)
         self._plots[_ATTITUDE].add(now, {"roll": roll, "pitch": pitch})
         self._plots[_HEADING].add(now, {"yaw": yaw})
         self._plots[_SPEED].add(now, {"ahead": v.x, "left": v.y, "up": v.z})
 
     def _on_joints(self, message: JointState) -> None:
-        now = _seconds(message.header.stamp)
+        now = seconds(message.header.stamp)
         wanted = str(self._joints.value).strip()  # whatever a client has sent
         angles = zip(message.name, message.position, strict=False)  # either may be left out
         torques = zip(message.name, message.effort, strict=False)
         shown = {name: math.degrees(angle) for name, angle in angles if fnmatchcase(name, wanted)}
         self._plots[_ANGLES].add(now, shown)
-        rated = self._ratings
+        rated = self._robot.ratings
         shares = {
             n: 100.0 * torque / rated[n] for n, torque in torques if n in rated and n in shown
         }
@@ -161,7 +161,7 @@ class Page:
         rows += [("fail-safe", message.failsafe)] if message.failsafe else []
         rows += [("autopilot", message.reason)] if message.reason else []
         self._facts.tell(graph.PROPULSION_STATE, rows)
-        now, force = _seconds(message.stamp), message.force
+        now, force = seconds(message.stamp), message.force
         values = {"x": force.x, "y": force.y, "z": force.z, "most": message.thrust_limit}
         self._plots[_THRUST].add(now, values)
         speeds = {
@@ -171,8 +171,8 @@ class Page:
         self._plots[_FANS].add(now, speeds)
 
     def _on_battery(self, message: BatteryState) -> None:
-        now = _seconds(message.header.stamp)
-        self._plots[_BATTERY].add(now, {"V": message.voltage, "A": -message.current})
+        now = seconds(message.header.stamp)
+        self._plots[_BATTERY].add(now, {"voltage": message.voltage, "current": -message.current})
         charge = f", {100.0 * message.percentage:.0f} %" if message.percentage >= 0.0 else ""
         self._facts.tell(graph.BATTERY, [("battery", f"{message.voltage:.1f} V{charge}")])
 
@@ -187,7 +187,7 @@ _FACTS = (
 _BRAND = (176, 32, 48)
 _ATTITUDE, _HEADING, _SPEED = "attitude [deg]", "heading [deg]", "speed of the base [m/s]"
 _ANGLES, _TORQUES = "joint angles [deg]", "joint torques [% of the rating]"
-_THRUST, _FANS, _BATTERY = "thrust [N]", "fans [1000/min]", "battery [V, A]"
+_THRUST, _FANS, _BATTERY = "thrust in base [N]", "fans [1000/min]", "battery [V, A]"
 _PLOTS = (_ATTITUDE, _HEADING, _SPEED, _ANGLES, _TORQUES, _THRUST, _FANS, _BATTERY)
 
 _TAKERS: dict[str, Callable[[Page, Any], None]] = {
@@ -205,24 +205,3 @@ _TAKERS: dict[str, Callable[[Page, Any], None]] = {
 }
 SOURCES = (*_TAKERS, graph.DIAGNOSTICS)
 """Topics that the page is drawn from."""
-
-
-def ratings(urdf: str) -> dict[str, float]:
-    """Return the torque that each joint of a URDF is rated for, where it says so [N m]."""
-    found: dict[str, float] = {}
-    for joint in ElementTree.fromstring(urdf).findall("joint"):
-        limit = joint.find("limit")
-        with contextlib.suppress(ValueError):
-            effort = float(limit.get("effort", "0")) if limit is not None else 0.0
-            if effort > 0.0:
-                found[str(joint.get("name"))] = effort
-    return found
-
-
-def robot_name(urdf: str) -> str:
-    """Return the name that a URDF gives its robot, in words."""
-    return str(ElementTree.fromstring(urdf).get("name", "robot")).replace("_", " ")
-
-
-def _seconds(stamp: Any) -> float:
-    return float(stamp.sec + 1e-9 * stamp.nanosec)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 from urllib.parse import quote
 
@@ -13,7 +14,6 @@ from visualization_msgs.msg import MarkerArray
 
 from husky_bringup.console.drawings import Drawings
 from husky_bringup.console.frame_tree import IDENTITY, FrameTree, Pose
-from husky_bringup.console.robot_look import link_meshes
 from husky_runtime import graph
 
 _ORIGINS = (graph.FRAME_ODOM, graph.FRAME_WORLD, graph.FRAME_BASE)
@@ -32,23 +32,18 @@ _AXES = 0.1
 
 
 class Scene:
-    """Draws frames, the robot's links in them, markers and ground.
-
-    Attributes:
-        missing: what of the robot's description cannot be drawn.
-    """
+    """Draws frames, the robot's links in them, markers and ground."""
 
     def __init__(self, server: ViserServer):
         """Draw nothing but a grid; the controls of the view are where the page is made just now."""
         self._server, self._tree = server, FrameTree()
         self._frames: dict[str, Any] = {}
-        self._meshes: dict[str, trimesh.Trimesh] = {}
+        self._meshes: Mapping[str, trimesh.Trimesh] = {}
         self._looks: dict[str, Any] = {}
         self._drawings = Drawings(server.scene, _path, "drawn")
         self._ground = Drawings(server.scene, _path, "ground")
         self._layers: dict[str, Any] = {}
         self._centre = np.zeros(3)
-        self.missing: list[str] = []
         self._root = server.scene.add_frame(_ROOT, show_axes=False)
         self._grid = server.scene.add_grid(
             f"{_ROOT}/grid", infinite_grid=True, cell_size=0.25, section_size=1.0, fade_distance=15
@@ -66,13 +61,9 @@ class Scene:
         self._layer_folder = gui.add_folder("drawings", visible=False)
 
     # What the robot tells ---------------------------------------------------------------------
-    def take_description(self, urdf: str) -> None:
-        """Take a robot's description.
-
-        Raises:
-            ValueError: it is none.
-        """
-        self._meshes, self.missing = link_meshes(urdf)
+    def take_looks(self, looks: Mapping[str, trimesh.Trimesh]) -> None:
+        """Take the robot's links, by their frames."""
+        self._meshes = looks
         for look in self._looks.values():
             look.remove()
         self._looks.clear()
@@ -100,8 +91,8 @@ class Scene:
 
     @property
     def skipped(self) -> list[str]:
-        """What is not drawn."""
-        return sorted({*self.missing, *self._drawings.skipped, *self._ground.skipped})
+        """What is not drawn of the markers."""
+        return sorted(self._drawings.skipped | self._ground.skipped)
 
     # Drawing ----------------------------------------------------------------------------------
     def draw(self, now: float) -> None:

@@ -88,7 +88,6 @@ class Console(OneClock, Node):
 
     def _draw(self) -> None:
         self._page.draw(self.get_clock().now().nanoseconds / 1e9, time.monotonic())
-        self._server.flush()
 
     def _listen(self) -> None:
         """Subscribe to what the page shows; what is latched comes at once."""

@@ -28,7 +28,8 @@ def declare(
     Args:
         node: the node that gets the parameter.
         name: parameter name.
-        default: value when the user gives none; its type is the parameter's type.
+        default: value when the user gives none; its type is the parameter's type, of an empty list
+            that of texts.
         description: what it is, with its unit.
         lower: least allowed number, or None for no range.
         upper: greatest allowed number; needed together with `lower`.
@@ -38,7 +39,7 @@ def declare(
 
     Raises:
         InvalidParameterValueException: value outside the range, raised by rclpy with the range.
-        ValueError: a word that is not allowed.
+        ValueError: a word that is not allowed, or a list that should be one of texts.
     """
     constraints = f"one of {', '.join(allowed)}" if allowed else constraints
     descriptor = ParameterDescriptor(
@@ -53,7 +54,10 @@ def declare(
             descriptor.floating_point_range = [
                 FloatingPointRange(from_value=float(lower), to_value=float(upper), step=0.0)
             ]
+    descriptor.dynamic_typing = default == []  # which rclpy would take for one of bytes
     value = node.declare_parameter(name, default, descriptor).value
+    if default == [] and not (isinstance(value, list) and all(isinstance(v, str) for v in value)):
+        raise ValueError(f"parameter {name} is {value!r}, it must be a list of texts")
     if allowed and value not in allowed:
         raise ValueError(f"parameter {name} is {value!r}, it must be one of {', '.join(allowed)}")
     return value

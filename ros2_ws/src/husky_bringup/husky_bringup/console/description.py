@@ -1,8 +1,10 @@
-"""A robot's looks out of its description: one coloured mesh for each link of a URDF."""
+"""A robot by its description: one coloured mesh for each link of a URDF, ratings of its joints."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import contextlib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 from xml.etree import ElementTree
 
@@ -18,13 +20,30 @@ _GREY = (0.5, 0.5, 0.5, 1.0)
 Colour = tuple[float, ...]
 
 
-def link_meshes(urdf: str) -> tuple[dict[str, trimesh.Trimesh], list[str]]:
-    """Return the visual of each link that has one, and what of it cannot be drawn.
+@dataclass(frozen=True)
+class Description:
+    """What a URDF says of a robot, as far as the page shows it.
+
+    Attributes:
+        name: of the robot, in words.
+        looks: the visual of each link that has one, in the link's frame [m].
+        ratings: the torque that each joint is rated for, where it is told [N m].
+        missing: what of the looks cannot be drawn, and why.
+    """
+
+    name: str
+    looks: Mapping[str, trimesh.Trimesh]
+    ratings: Mapping[str, float]
+    missing: Sequence[str]
+
+
+def read_description(urdf: str) -> Description:
+    """Read a URDF.
 
     Boxes, cylinders and spheres are drawn; a mesh file is not: the browser has no access to it.
 
     Raises:
-        ValueError: it is no URDF.
+        ValueError: it is none.
     """
     try:
         root = ElementTree.fromstring(urdf)
@@ -37,7 +56,7 @@ def link_meshes(urdf: str) -> tuple[dict[str, trimesh.Trimesh], list[str]]:
         for material in root.findall("material")
         if material.find("color") is not None
     }
-    meshes: dict[str, trimesh.Trimesh] = {}
+    looks: dict[str, trimesh.Trimesh] = {}
     missing: list[str] = []
     for link in root.findall("link"):
         by_colour: dict[Colour, list[Shape]] = {}
@@ -51,8 +70,20 @@ def link_meshes(urdf: str) -> tuple[dict[str, trimesh.Trimesh], list[str]]:
         if by_colour:
             parts = [_mesh(shapes, colour) for colour, shapes in by_colour.items()]
             whole: Any = trimesh.util.concatenate(parts)
-            meshes[str(link.get("name"))] = whole
-    return meshes, missing
+            looks[str(link.get("name"))] = whole
+    name = str(root.get("name", "robot")).replace("_", " ")
+    return Description(name, looks, _ratings(root), missing)
+
+
+def _ratings(root: ElementTree.Element) -> dict[str, float]:
+    found: dict[str, float] = {}
+    for joint in root.findall("joint"):
+        limit = joint.find("limit")
+        with contextlib.suppress(ValueError):
+            effort = 0.0 if limit is None else _numbers(limit, "effort", 1, "0")[0]
+            if effort > 0.0:
+                found[str(joint.get("name"))] = effort
+    return found
 
 
 def _shape(visual: ElementTree.Element) -> Shape:
