@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import contextlib
-import itertools
 import signal
 import urllib.request
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -15,66 +13,16 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from geometry_msgs.msg import Point, TransformStamped
+from console_process import MODULE, URDF, ConsoleBench
+from geometry_msgs.msg import Point
 from node_bench import assert_refused, values_of
-from page_client import PageClient
-from served_bench import ServedBench
 from std_msgs.msg import String
-from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker, MarkerArray
 from websockets.exceptions import InvalidStatus
 
 from husky_bringup.console.server import PageServer
-from husky_runtime import graph
-from husky_runtime.nodes import qos
 
 pytestmark = pytest.mark.graph
-
-MODULE = "husky_bringup.nodes.console"
-URDF = """<robot name="tested_robot"><link name="body"><visual><geometry>
-<box size="1 1 1"/></geometry></visual></link></robot>"""
-
-
-class ConsoleBench(ServedBench):
-    """A console whose robot is a box that the test's own node tells of."""
-
-    def __init__(self, domain: int, directory: Path):
-        """Make the robot."""
-        super().__init__(domain, directory, MODULE)
-        make = self.node.create_publisher
-        self.description = make(String, graph.ROBOT_DESCRIPTION, qos.LATCHED)
-        self.transforms = make(TFMessage, graph.TF, qos.TF)
-        self.markers = make(MarkerArray, graph.MARKERS, qos.STATUS)
-        self.description.publish(String(data=URDF))
-        self._places = itertools.count(1)
-
-    def client(self, **options: Any) -> PageClient:
-        """Open the page."""
-        client = PageClient(self.address, **options)
-        self.clients.append(client)
-        return client
-
-    def move(self, x: float) -> None:
-        """Move the robot."""
-        moved = TransformStamped(child_frame_id="body")
-        moved.header.frame_id = graph.FRAME_ODOM
-        moved.transform.translation.x = x
-        self.transforms.publish(TFMessage(transforms=[moved]))
-
-    def shows(self, client: PageClient, x: float) -> None:
-        """A page shows where the robot is."""
-        self.wait(
-            lambda: (
-                client.positions.get("/scene/body", (None,))[0] == x
-                and "/scene/body/look" in client.nodes
-            ),
-            f"the robot at {x}",
-            lambda: self.move(x),
-        )
-
-    def is_served(self) -> None:
-        """Whoever comes now is served."""
-        self.shows(self.client(), float(next(self._places)))
 
 
 @pytest.fixture(scope="module")
@@ -148,6 +96,23 @@ def test_values_of_controls_that_are_none(console: ConsoleBench, value: Any) -> 
     console.is_served()
     report = console.wait_for_report(lambda each: True, "a report")
     assert report["failed_callbacks"] == "0"
+
+
+@pytest.mark.parametrize(
+    "updates", [{"gui_api": 1}, {"removed": True}, {"value": "x", "uuid": "y"}, {}, 7]
+)
+def test_browsers_set_values_of_controls_and_nothing_else(
+    console: ConsoleBench, updates: Any
+) -> None:
+    """viser would set any attribute, and fail at its next own word to the control."""
+    client = console.client()
+    console.shows(client, 0.25)
+    for uuid in client.gui:
+        client.say(type="GuiUpdateMessage", uuid=uuid, updates=updates)
+    console.is_served()
+    name = f"frame_{next(console.places)}"
+    console.move(0.0, name)
+    console.wait(lambda: any(name in each.get("options", ()) for each in client.gui.values()), name)
 
 
 def test_fifty_pages_are_served_or_refused(console: ConsoleBench) -> None:

@@ -1,13 +1,19 @@
 """Calls of services from any thread, as the gateway makes them for its clients."""
 
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
 pytest.importorskip("rclpy")
 
+import rclpy
+from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
+from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
+from husky_bringup.node_parameter import NodeParameter
+from husky_bringup.nodes.remote_parameters import RemoteParameters
 from husky_bringup.nodes.service_calls import CallError, ServiceCalls
 from husky_runtime.nodes.executor import WaitSetExecutor
 
@@ -64,3 +70,66 @@ def test_more_calls_than_it_makes_at_once_are_refused(node, executor):
     calls.close()
     for answer in (*waiting, calls.call("/nowhere", Trigger, Trigger.Request())):
         assert reason(calls, executor, answer) == "/nowhere: the node ends"
+
+
+# Parameters -----------------------------------------------------------------------------------
+@pytest.fixture
+def walker(node):
+    """Another node, with parameters."""
+    walker = rclpy.create_node("walker", context=node.context)
+    within = FloatingPointRange(from_value=0.1, to_value=0.6)
+    height = ParameterDescriptor(
+        description="of the base [m]", floating_point_range=[within], read_only=True
+    )
+    word = ParameterDescriptor(additional_constraints="one of ideal, noisy")
+    walker.declare_parameter("trot.height", 0.4, height)
+    walker.declare_parameter("sensing", "ideal", word)
+    walker.declare_parameter("qos_overrides./clock.depth", 1)
+    walker.declare_parameter("gains", [1.0, 2.5])
+    walker.declare_parameter("unset", Parameter.Type.STRING)
+    walker.declare_parameter("blob", [b"\1", b"\2"])
+    yield walker
+    walker.destroy_node()
+
+
+def served(node, walker, ask):
+    """Ask parameters from another thread while both nodes serve; return the answer."""
+    ours, theirs = WaitSetExecutor(node), WaitSetExecutor(walker)
+    calls = ServiceCalls(node, lambda: None, 600.0)
+    remote = RemoteParameters(node, calls)
+    with ThreadPoolExecutor() as pool:
+        while "/walker" not in remote.nodes():
+            ours.spin_once()
+        asked = pool.submit(ask, remote)
+        while not asked.done():
+            calls.serve()
+            for executor in (ours, theirs):
+                executor.spin_once()
+    for executor in (ours, theirs):
+        executor.close()
+    return asked.result()
+
+
+def test_the_parameters_of_a_node_are_described(node, walker):
+    found = served(node, walker, lambda remote: remote.describe("/walker"))
+    assert found == [
+        NodeParameter("trot.height", 0.4, "of the base [m]", 0.1, 0.6, True, ""),
+        NodeParameter(
+            "sensing", "ideal", "", None, None, False, "ideal, noisy", ("ideal", "noisy")
+        ),
+        NodeParameter("gains", [1.0, 2.5], "", None, None, False, ""),
+        NodeParameter("unset", None, "", None, None, False, ""),
+        NodeParameter("blob", b"\1\2", "", None, None, False, ""),
+    ]
+
+
+@pytest.mark.parametrize("name", ["/tested", "/nobody", "no name", "/walker/"])
+def test_what_is_no_other_node_is_not_described(node, walker, name):
+    with pytest.raises(CallError, match=f"{name}: is not there"):
+        served(node, walker, lambda remote: remote.describe(name))
+
+
+def test_half_a_character_is_refused(node, walker):
+    values = {"/walker.sensing": "\ud800"}
+    (why,) = served(node, walker, lambda remote: remote.write(values))
+    assert why == "/walker.sensing: '\\ud800' has half a character"

@@ -4,7 +4,11 @@ import numpy as np
 import pytest
 from seen_robot import running
 
+from husky_control.gait.table import GAITS
+from husky_control.modes.table import modes_of
+from husky_description.robot import load_robot
 from husky_experiments.scripts import walk
+from husky_msgs.msg import ModeTable
 from husky_runtime import graph
 
 pytestmark = pytest.mark.graph
@@ -46,6 +50,21 @@ def test_it_trots_and_does_so_again(session):
         assert session.count_publishers(topic) == 0
     session.start_again()
     assert stand_and_trot(session) == digest
+
+
+def test_what_it_can_be_asked_for_is_told_once_to_whoever_comes_later(session):
+    """A world that starts again changes nothing of it."""
+    heard = []
+    session.subscribe(ModeTable, graph.MODE_TABLE, heard.append)
+    session.wait_for(lambda: heard, "the table of modes")
+    session.start_again()
+    (table,) = heard
+    own = modes_of(load_robot("beta"))
+    assert [(m.name, m.meaning) for m in table.modes] == [(m.value, m.meaning) for m in own]
+    requests = {mode.name: list(mode.requests) for mode in table.modes}
+    assert requests["walk"] == ["stand", "damping", "emergency_stop"]
+    assert "balance" in requests["stand"] and "wair" not in requests["stand"]
+    assert list(table.gaits) == list(GAITS)
 
 
 def test_a_servo_that_is_lost_takes_the_torque_off_all(session):

@@ -8,10 +8,13 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
+from operator_client import OperatorClient
 from page_client import PageClient
 from served_bench import ServedBench
 
 from husky_bringup.console.description import read_description
+from husky_bringup.console.operator_server import VIEW
+from husky_control.gait.table import GAITS
 from husky_description.robot import load_robot
 from husky_description.urdf import build_urdf
 from husky_runtime import graph
@@ -24,14 +27,20 @@ BODY = "/scene/torso"
 @pytest.fixture(scope="module")
 def console(domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServedBench]:
     console = ServedBench(domain, tmp_path_factory.mktemp("console"), "husky_bringup.nodes.console")
-    console.serve()
+    console.serve(silence=2.0)  # of a machine that is slow
     yield console
     console.close()
 
 
 @pytest.fixture
 def page(console: ServedBench) -> PageClient:
-    console.clients.append(PageClient(console.address))
+    console.clients.append(PageClient(console.address + VIEW))
+    return console.clients[-1]
+
+
+@pytest.fixture
+def operator(console: ServedBench) -> OperatorClient:
+    console.clients.append(OperatorClient(console.address))
     return console.clients[-1]
 
 
@@ -48,6 +57,28 @@ def test_a_robot_whose_legs_carry_nothing(
     assert not any(robot.session.state.contact) and math.isnan(robot.session.state.static_margin)
     report = console.wait_for_report(lambda each: each.name == graph.CONSOLE, "a report")
     assert report["messages"] != "0" == report["refused_messages"]
+
+
+def test_an_operator_stands_the_robot_up_walks_and_is_lost(
+    robot: Any, operator: OperatorClient
+) -> None:
+    def shown(condition: Any, what: str) -> None:
+        robot.until(condition, what, within=20.0, step=0.1)
+
+    def possible() -> set[str]:
+        return {mode["name"] for mode in operator.robot.get("modes", ()) if mode["possible"]}
+
+    shown(lambda: operator.robot.get("mode") == "passive", "the mode")
+    assert operator.robot["gaits"] == list(GAITS) and "fans" not in operator.robot
+    operator.ask("action", "stand up")
+    shown(lambda: operator.robot["mode"] == "stand", "standing")
+    assert {"walk", "sit"} < possible() and "stand_up" not in possible()
+    with operator.holding(stick=(1.0, 0.0, 0.0), speed=0.6):
+        shown(lambda: list(robot.session.state.commanded_velocity) == [0.3, 0.0, 0.0], "0.3 m/s")
+        assert robot.mode == "walk" and operator.state["driver"] == "you"
+        operator.break_off()
+        shown(lambda: list(robot.session.state.commanded_velocity) == [0.0, 0.0, 0.0], "zero")
+    robot.until(lambda: robot.mode == "stand", "stand", within=4.0)
 
 
 def test_a_robot_that_walks(trotting: Any, page: PageClient) -> None:
@@ -72,6 +103,64 @@ def test_a_robot_that_walks(trotting: Any, page: PageClient) -> None:
     joints = list(load_robot("carbon").joint_names)
     shown(lambda: curves().count(joints) == 2, "angles and torques")
     assert ["roll", "pitch"] in curves()
+
+
+def test_a_parameter_is_set_by_the_page(trotting: Any, console: ServedBench) -> None:
+    """Who looks on another page sees it too; what is out of range is refused with the range."""
+    page, other = PageClient(console.address + VIEW), PageClient(console.address + VIEW)
+    console.clients += [page, other]
+
+    def find(of: PageClient, label: str) -> str:
+        found = [uuid for uuid, props in list(of.gui.items()) if props.get("label") == label]
+        return found[0] if len(found) == 1 else ""
+
+    def choose(label: str, value: Any) -> None:
+        trotting.until(lambda: find(page, label), label, within=20.0, step=0.1)
+        page.say(type="GuiUpdateMessage", uuid=find(page, label), updates={"value": value})
+
+    choose("names", "gait.trot.swing_height")
+    node = graph.absolute(graph.LOW_LEVEL_CONTROLLER)
+    trotting.until(
+        lambda: node in page.gui[find(page, "node")].get("options", ()), node, within=20.0, step=0.1
+    )
+    choose("node", node)
+    height = "swing_height [m]"
+    for value, said in (
+        (0.07, f"{node}.gait.trot.swing_height = 0.07"),
+        (0.5, "out of range"),
+        (0.08, f"{node}.gait.trot.swing_height = 0.08"),
+    ):
+        choose(height, value)
+        trotting.until(
+            lambda said=said: any(said in html for html in page.contents()),
+            said,
+            within=20.0,
+            step=0.1,
+        )
+    trotting.until(
+        lambda: other.gui[find(other, height)].get("value") == 0.08, "the same", 20.0, step=0.1
+    )
+
+
+def test_an_emergency_stop_beside_pages_that_do_not_read(
+    trotting: Any, console: ServedBench, page: PageClient, record_property: Any
+) -> None:
+    """No torque acts later than 0.1 s of simulated time."""
+    stalled, operator = OperatorClient(console.address), OperatorClient(console.address)
+    console.clients += [stalled, operator]
+    trotting.until(lambda: tells(page, "walk"), "the page", within=20.0, step=0.1)
+    for each in (stalled, operator):
+        trotting.until(lambda e=each: e.state, "a word", within=20.0, step=0.1)
+    with page.held(), stalled.held():
+        trotting.session.advance(0.5)
+        stopped = trotting.watch()
+        operator.ask("action", "emergency stop")
+        trotting.session.advance(0.5)
+        record_property("reaction_s", trotting.torque_ends(stopped))
+    assert trotting.session.drives.emergency_stop, trotting.seen
+    operator.ask("action", "recover from a fault or an emergency stop")
+    trotting.until(lambda: trotting.mode == "passive", "passive", within=20.0, step=0.1)
+    trotting.recover()
 
 
 _DRAWN = {

@@ -16,7 +16,8 @@ import sys
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
-from husky_bringup.interfaces import Interface, NodeParameter, all_nodes, running
+from husky_bringup.interfaces import Interface, all_nodes, running
+from husky_bringup.node_parameter import NodeParameter, meaning, unit
 from husky_control.modes.behaviour import Event
 from husky_control.modes.table import CONDITIONS, TRANSITIONS, Mode, Transition
 from husky_runtime import graph
@@ -33,11 +34,14 @@ _WHILE_ASKED: Mapping[str, Table] = {
         ("subscribes to", EVERY_TOPIC, ""),
         ("calls service", EVERY_SERVICE, ""),
     ],
-    graph.CONSOLE: [("subscribes to", "what the page shows", "")],
+    graph.CONSOLE: [
+        ("publishes", "velocities that operators hold, on `/cmd_vel`", ""),
+        ("subscribes to", "what the page shows", ""),
+        ("calls service", "those of modes, gaits, drives, fans and parameters", ""),
+    ],
 }
 """Interfaces of nodes that are not in the graph before a client asks for them."""
 _BLOCK = re.compile(r"(<!-- begin (?P<name>[^>]+?) -->\n)(?P<body>.*?)(<!-- end -->)", re.DOTALL)
-_UNIT = re.compile(r" ?\[([^\[\]]+)\]")
 _GAIT = re.compile(r"gait\.(?P<gait>\w+)\.(?P<column>\w+)")
 
 
@@ -159,7 +163,7 @@ def _parameters(node: Interface) -> Table:
             unit(p),
             _allowed(p),
             "" if p.read_only else "yes",
-            _plain(_UNIT.sub("", p.description, count=1)),
+            _plain(meaning(p)),
         )
         for p in node.parameters
         if not _GAIT.fullmatch(p.name)
@@ -205,12 +209,6 @@ _TABLES_OF_NODE = {"interface": _interface, "parameters": _parameters, "gaits": 
 
 
 # Cells ----------------------------------------------------------------------------------------
-def unit(parameter: NodeParameter) -> str:
-    """Return the unit that a description gives in brackets, "" where it gives none."""
-    match = _UNIT.search(parameter.description)
-    return match[1] if match else ""
-
-
 def default_text(parameter: NodeParameter) -> str:
     """Return a value as it may be typed; the ROS domain in a path is left open."""
     value = parameter.value

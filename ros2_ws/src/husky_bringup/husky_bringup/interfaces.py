@@ -19,6 +19,7 @@ from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import QoSProfile
 from rclpy.task import Future
 
+from husky_bringup.node_parameter import NodeParameter, is_of_every_node, make_node_parameter
 from husky_bringup.processes import Processes
 from husky_bringup.system import NodeSpec, ParameterValue, simulated_robot
 from husky_runtime import graph
@@ -30,7 +31,6 @@ _LIFECYCLE = "lifecycle_msgs"
 _ACTION = "/_action/"
 """In the names of the topics and services that an action consists of."""
 _SEND_GOAL = f"{_ACTION}send_goal"
-_EVERY_NODES_PARAMETERS = ("use_sim_time", "start_type_description_service")
 _STEADY_PERIOD = 1.0
 """Discovery is over when nothing has changed for so long [s]."""
 _PATIENCE = 60.0
@@ -45,19 +45,6 @@ _FITTED: dict[str, dict[str, tuple[ParameterValue, ParameterValue]]] = {
 """Parameters with which a node is looked at, to see all that it offers, and their defaults."""
 
 Result = TypeVar("Result")
-
-
-@dataclass(frozen=True)
-class NodeParameter:
-    """A parameter of a node: its value now, and what its descriptor says."""
-
-    name: str
-    value: Any
-    description: str
-    lower: float | None
-    upper: float | None
-    read_only: bool
-    allowed: str
 
 
 @dataclass(frozen=True)
@@ -252,12 +239,12 @@ class Reader:
         client = AsyncParameterClient(self.node, name)
         self.wait_until(client.services_are_ready, f"parameter services of {name}")
         listed = self.result(client.list_parameters(), f"parameters of {name}").result.names
-        names = [n for n in listed if n not in _EVERY_NODES_PARAMETERS]
+        names = [n for n in listed if not is_of_every_node(n)]
         described = self.result(client.describe_parameters(names), f"parameters of {name}")
         values = self.result(client.get_parameters(names), f"parameters of {name}")
         fitted = _FITTED.get(name, {})
         return tuple(
-            _parameter(
+            make_node_parameter(
                 descriptor,
                 fitted.get(descriptor.name, (None, parameter_value_to_python(value)))[1],
             )
@@ -267,16 +254,3 @@ class Reader:
     def publisher_qos(self, topic: str) -> list[QoSProfile]:
         """Return the profiles that the publishers of a topic offer."""
         return [info.qos_profile for info in self.node.get_publishers_info_by_topic(topic)]
-
-
-def _parameter(descriptor: Any, value: Any) -> NodeParameter:
-    ranges = [*descriptor.floating_point_range, *descriptor.integer_range]
-    return NodeParameter(
-        name=descriptor.name,
-        value=list(value) if hasattr(value, "tolist") else value,
-        description=descriptor.description,
-        lower=ranges[0].from_value if ranges else None,
-        upper=ranges[0].to_value if ranges else None,
-        read_only=descriptor.read_only,
-        allowed=descriptor.additional_constraints.removeprefix("one of "),
-    )

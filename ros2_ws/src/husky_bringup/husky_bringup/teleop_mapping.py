@@ -227,6 +227,19 @@ class Joystick:
         self._pressed = down
         return new
 
+    def let_go(self, now: float) -> None:
+        """End the command now [s], whatever is held."""
+        self._dead_man.let_go(now)
+
+    def lose(self, now: float) -> None:
+        """There is none any more [s]; what is down when it comes back is ignored."""
+        self.let_go(now)
+        self._pressed = frozenset(Action)
+
+    def held(self, now: float) -> bool:
+        """Return whether the dead-man button is held at a time [s]."""
+        return self._dead_man.held(now) and now - self._heard < self._silence
+
     def command(self, now: float) -> Velocity | None:
         """Return what to send at a time [s], None for nothing."""
         return self._dead_man.command(now) if now - self._heard < self._silence else None

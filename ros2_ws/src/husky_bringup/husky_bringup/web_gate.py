@@ -13,7 +13,8 @@ What it asks:
 - that a page which opens a connection (the header `Origin`) came from here or is allowed: any page
   in the operator's browser can reach this machine's ports;
 - that it is called by a name of this machine, where it is not opened: a stranger's name may lead to
-  us (DNS rebinding).
+  us (DNS rebinding);
+- that its pages stand in no frame of a stranger's page, which could have the operator click there.
 """
 
 from __future__ import annotations
@@ -49,6 +50,7 @@ _HEADER = re.compile(rf"({_WORD}):([\t -~\x80-\xff]*)")  # what is not ASCII is 
 _HOST = re.compile(r"(\[[0-9A-Fa-f:.]+\]|[0-9A-Za-z._-]+)(:[0-9]{1,5})?")
 _CONNECTION = re.compile(r"(?<=\r\n)connection:.*\r\n", re.IGNORECASE)
 _ORIGIN = re.compile(rf"[A-Za-z][0-9A-Za-z+.-]*://({_HOST.pattern})?")
+_FRAMES = ("iframe", "frame", "embed", "object")
 _SHOWN = re.compile(r"(?<=[?&])token=([^&]*)&?")
 
 
@@ -80,9 +82,25 @@ class Request:
                 return value
         return ""
 
-    def forwarded(self) -> bytes:
-        """Return the head as the inner server gets it, without the token in the target."""
-        head = self.head.replace(self.target, _SHOWN.sub("", self.target), 1)
+    @property
+    def is_framed(self) -> bool:
+        """Whether a page of somebody else wants it in a frame, as a browser tells."""
+        foreign = self.headers.get("sec-fetch-site") in ("cross-site", "same-site")
+        return foreign and self.headers.get("sec-fetch-dest") in _FRAMES
+
+    def leads_to(self, place: str) -> bool:
+        """Return whether the target is at a place or below it."""
+        return re.fullmatch(rf"{re.escape(place)}([/?].*)?", self.target) is not None
+
+    def forwarded(self, place: str = "") -> bytes:
+        """Return the head as the inner server gets it, without the token in the target.
+
+        Args:
+            place: which the target leads to; the server knows nothing of it.
+        """
+        bare = _SHOWN.sub("", self.target).removeprefix(place)
+        bare = bare if bare.startswith("/") else f"/{bare}"
+        head = self.head.replace(self.target, bare, 1)
         if not self.is_upgrade:
             head = _CONNECTION.sub("", head)[:-2] + "Connection: close\r\n\r\n"
         return head.encode("latin-1")
@@ -136,6 +154,7 @@ class WebGate:
         port: int,
         inner_port: int,
         *,
+        places: Mapping[str, int] = {},
         token: str = "",
         origins: Sequence[str] = (),
         most: int = 64,
@@ -146,6 +165,7 @@ class WebGate:
             host: address to listen on; one that other machines get to is guarded by a token.
             port: to listen on, 0 for any that is free.
             inner_port: where the server is, on this machine.
+            places: ports of others, for what is asked below a path such as "/view".
             token: to ask for; "" for one made here where it is needed, else none.
             origins: pages that may connect, as scheme://host, besides those from here; file:// are
                 those of this machine's own files.
@@ -156,7 +176,8 @@ class WebGate:
             ValueError: the token or an origin is none.
         """
         _check_settings(token, origins)
-        self._host, self._inner_port, self._most = host, inner_port, most
+        self._host, self._most = host, most
+        self._ports = {**places, "": inner_port}
         self._is_open = not is_loopback(host)
         self.token = token or (secrets.token_urlsafe(16) if self._is_open else "")
         self._origins = frozenset(each.lower() for each in origins)
@@ -250,6 +271,9 @@ class WebGate:
         if origin not in self._origins and origin.partition("://")[2] != called:
             why = f"pages of {origin[:80]!r} may not connect (parameter origins)"
             raise Refusal(HTTPStatus.FORBIDDEN, why)
+        if request.is_framed:
+            why = "pages of others may not show this one in a frame"
+            raise Refusal(HTTPStatus.FORBIDDEN, why)
         if self.connections >= self._most:
             why = f"there are {self._most} connections already"
             raise Refusal(HTTPStatus.SERVICE_UNAVAILABLE, why)
@@ -265,14 +289,15 @@ class WebGate:
         self, request: Request, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
     ) -> None:
         """Carry both ways until the inner server has said all, or a side is gone."""
+        place = next(place for place in self._ports if not place or request.leads_to(place))
         try:
-            inner = asyncio.open_connection("127.0.0.1", self._inner_port, limit=_CHUNK)
+            inner = asyncio.open_connection("127.0.0.1", self._ports[place], limit=_CHUNK)
             inner_reader, inner_writer = await asyncio.wait_for(inner, _PATIENCE)
         except OSError as error:
             why = "the server behind this gate cannot be reached"
             raise Refusal(HTTPStatus.BAD_GATEWAY, why) from error
         try:
-            inner_writer.write(request.forwarded())
+            inner_writer.write(request.forwarded(place))
             async with asyncio.TaskGroup() as ways:
                 forth = ways.create_task(_carry(reader, inner_writer))
                 inner_socket = inner_writer.get_extra_info("socket")

@@ -5,7 +5,8 @@ import pytest
 pytest.importorskip("rclpy")
 
 from husky_bringup import document
-from husky_bringup.interfaces import Interface, NodeParameter
+from husky_bringup.interfaces import Interface
+from husky_bringup.node_parameter import NodeParameter
 from husky_control.modes.table import TRANSITIONS, Mode
 from husky_runtime import graph
 

@@ -338,6 +338,44 @@ def test_the_head_of_an_upgrade_passes_unchanged_but_for_the_token(
         assert heads.pop() == head_for(gate, bare, **headers)
 
 
+def test_below_a_place_is_another_server(
+    gate_to: MakeGate, pages: int, heads: list[bytes], echo: int
+) -> None:
+    gate = gate_to(echo, places={"/view": pages}, token=TOKEN)
+    told = {"Authorization": f"Bearer {TOKEN}"} | UPGRADE
+    for target, bare in [
+        ("/view", "/"),
+        ("/view/", "/"),
+        ("/view?a=/view", "/?a=/view"),
+        (f"/view?token={TOKEN}", "/?"),
+        ("/view//x/view", "//x/view"),
+    ]:
+        assert get(gate, target, **told) == 200
+        assert heads.pop() == head_for(gate, bare, **told)
+    for target in ["/", "/viewer", "/a/view", "/View"]:
+        with open_websocket(gate, target, **{"Authorization": told["Authorization"]}) as client:
+            client.send(target)
+            assert client.recv() == target
+    assert get(gate, "/view", **UPGRADE) == 401
+
+
+@pytest.mark.parametrize(
+    ("site", "where", "expected"),
+    [
+        ("cross-site", "iframe", 403),
+        ("same-site", "frame", 403),  # another port of this machine
+        ("cross-site", "embed", 403),
+        ("cross-site", "document", 200),  # a link that is followed
+        ("same-origin", "iframe", 200),
+        ("none", "document", 200),
+    ],
+)
+def test_no_page_of_others_shows_this_in_a_frame(
+    gate_to: MakeGate, pages: int, site: str, where: str, expected: int
+) -> None:
+    assert get(gate_to(pages), sec_fetch_site=site, sec_fetch_dest=where) == expected
+
+
 def test_what_is_posted_arrives_behind_a_token_in_the_address(gate_to: MakeGate) -> None:
     def handler(peer: socket.socket, head: bytes) -> None:
         assert head.startswith(b"POST /up? HTTP/1.1\r\n")

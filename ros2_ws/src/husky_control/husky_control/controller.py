@@ -82,6 +82,10 @@ class Controller:
         return self.context.counters
 
     # Requests -----------------------------------------------------------------------------------
+    def allowed_requests(self) -> dict[Mode, tuple[str, ...]]:
+        """Return the robot's modes, and what may be asked for in each, conditions aside."""
+        return {mode: self._machine.allowed_requests(mode) for mode in self._modes}
+
     def request_mode(self, name: str) -> tuple[bool, str]:
         """Ask for a mode; returns whether it was accepted, and a message."""
         if name in ("stand", "stand_up"):

@@ -59,6 +59,8 @@ def standing():
 class Bow(Behaviour):
     """Kneels on the front legs and comes up again."""
 
+    answers = frozenset({"sit"})
+
     def enter(self, event):
         self._start, self._elapsed = self.context.command.position.copy(), 0.0
 
@@ -72,7 +74,7 @@ class Bow(Behaviour):
         return (Event.DONE, "bowed") if self.settled else None
 
     def answer(self, request):
-        return (False, "sit refused: it bows") if request == "sit" else None
+        return (False, "sit refused: it bows") if request in self.answers else None
 
     @property
     def settled(self):
@@ -108,6 +110,7 @@ def test_a_mode_is_its_class_and_its_rows_in_the_table():
     robot.ask("bow").run(0.25)
     assert controller.mode is bow and not controller.present.settled
     np.testing.assert_allclose((start - controller.command.position)[[2, 5]], 0.2, atol=1e-3)
+    assert controller.allowed_requests()[bow] == ("sit",)
     assert controller.request_mode("sit") == (False, "sit refused: it bows")
     assert controller.set_velocity_command(0.1, 0.0, 0.0) == (False, "it is in mode bow")
     robot.run(0.3)

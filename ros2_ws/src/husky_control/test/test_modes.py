@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from husky_control.controller import Controller
 from husky_control.modes.behaviour import Event
 from husky_control.modes.table import (
     ACTIVE,
@@ -51,7 +52,7 @@ def test_rows_are_well_formed():
         assert row.sources and (lands or row.target not in row.sources)
         assert bool(row.requests) == (row.event is Event.REQUEST)
         assert row.label or row.event is Event.REQUEST
-        assert set(row.requests) <= set(REQUESTS)
+        assert set(row.requests) <= set(REQUESTS) - {mode.value for mode in row.sources}
 
 
 def test_a_mode_answers_an_event_or_a_request_in_one_way():
@@ -162,12 +163,13 @@ def test_whatever_happens_only_rows_of_the_table_are_taken(steps):
 @pytest.mark.parametrize("request_", WORDS)
 def test_requests_are_taken_or_refused_with_their_reason(mode, request_):
     machine = in_mode(mode)
-    allowed = machine.allowed_requests()
+    allowed = machine.allowed_requests(mode)
     row, message = machine.request(request_)
-    if request_ in allowed:
-        assert row is not None and message == row.target.value == machine.mode.value
+    if row is not None:
+        assert request_ in allowed and message == row.target.value == machine.mode.value
         return
-    assert row is None and machine.mode is mode
+    assert machine.mode is mode
+    assert request_ not in allowed or request_ in mode.behaviour.answers
     if request_ not in REQUESTS:
         assert message.startswith(f"there is no mode '{request_}'; there are passive")
     elif request_ == mode.value:
@@ -175,6 +177,39 @@ def test_requests_are_taken_or_refused_with_their_reason(mode, request_):
     else:
         assert message.startswith(f"{request_} cannot follow {mode.value}; it allows ")
         assert all(name in message for name in allowed)
+
+
+def controller_in(robot, mode):
+    """A controller of a robot at rest, just come into a mode."""
+    controller = Controller(robot, warm_up=False)
+    controller.command.position[:] = controller.context.stand_posture()
+    controller._machine.mode, controller.present = mode, controller._modes[mode]
+    controller.present.enter(Event.REQUEST)
+    return controller
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_a_mode_allows_just_what_its_controller_does_not_refuse_because_of_it(name):
+    """Whoever is to offer the requests of a mode learns them before anything is asked for."""
+    robot = load_robot(name)
+    told = Controller(robot, warm_up=False).allowed_requests()
+    assert tuple(told) == modes_of(robot)
+    for mode, allowed in told.items():
+        assert allowed == tuple(request for request in REQUESTS if request in allowed)
+        for request in REQUESTS:
+            accepted, message = controller_in(robot, mode).request_mode(request)
+            refused = f"{request} cannot follow {mode.value}; it allows {', '.join(allowed)}"
+            no_such = message.startswith((f"there is no mode '{request}'", f"already in {request}"))
+            assert (message == refused or no_such) == (request not in allowed), (mode, message)
+            assert not (accepted and request not in allowed), (mode, message)
+
+
+def test_what_a_mode_answers_itself_is_allowed_in_it():
+    machine = in_mode(Mode.PASSIVE)
+    assert machine.allowed_requests(Mode.WALK) == ("stand", "damping", "emergency_stop")
+    assert machine.allowed_requests(Mode.BALANCE)[:2] == ("stand", "balance")
+    assert machine.allowed_requests(Mode.QUADROTOR) == ("splay", "damping", "emergency_stop")
+    assert machine.allowed_requests(Mode.EMERGENCY_STOP) == ("passive",)
 
 
 @pytest.mark.parametrize("missing", sorted(CONDITIONS))

@@ -25,6 +25,7 @@ IMU = "imu/data"
 CMD_VEL = "cmd_vel"
 JOY = "joy"
 CONTROLLER_STATE = "controller/state"
+MODE_TABLE = "controller/modes"
 ODOM = "odom"
 ODOMETRY = "odometry"
 GROUND_TRUTH = "plant/ground_truth"
@@ -146,7 +147,7 @@ TOPICS = (
     Topic(JOINT_COMMAND, "husky_msgs/msg/JointCommand", (LOW_LEVEL_CONTROLLER,), "CONTROL", 500.0),
     Topic(DRIVES_STATUS, "husky_msgs/msg/DriveStatusArray", JOINT_BRIDGES, "STATUS", 10.0),
     Topic(IMU, "sensor_msgs/msg/Imu", (VN200_DRIVER,), "CONTROL", 800.0),
-    Topic(CMD_VEL, "geometry_msgs/msg/Twist", (TELEOP,), "COMMAND", 0.0),
+    Topic(CMD_VEL, "geometry_msgs/msg/Twist", (TELEOP, CONSOLE), "COMMAND", 0.0),
     Topic(JOY, "sensor_msgs/msg/Joy", (), "COMMAND", 0.0),
     Topic(
         CONTROLLER_STATE,
@@ -155,6 +156,7 @@ TOPICS = (
         "STATUS",
         50.0,
     ),
+    Topic(MODE_TABLE, "husky_msgs/msg/ModeTable", (LOW_LEVEL_CONTROLLER,), "LATCHED", 0.0),
     Topic(ODOM, "nav_msgs/msg/Odometry", (LOW_LEVEL_CONTROLLER,), "STATUS", 50.0),
     Topic(ODOMETRY, "nav_msgs/msg/Odometry", (LOW_LEVEL_CONTROLLER,), "STATUS", 50.0),
     Topic(GROUND_TRUTH, "nav_msgs/msg/Odometry", (PLANT,), "STATUS", 100.0),

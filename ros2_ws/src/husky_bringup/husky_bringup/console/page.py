@@ -18,13 +18,16 @@ from viser import ViserServer
 
 from husky_bringup.console.description import Description, read_description
 from husky_bringup.console.drawings import seconds
-from husky_bringup.console.panels import Facts, Reports
+from husky_bringup.console.panels import Facts, Reports, drives_in_words, fans_in_words
+from husky_bringup.console.parameter_panel import ParameterPanel, ParameterSource
 from husky_bringup.console.plots import Plot
 from husky_bringup.console.scene import Scene
 from husky_description.rotation import to_roll_pitch_yaw
 from husky_msgs.msg import ControllerState, DriveStatusArray, PropulsionState
 from husky_runtime import graph
 
+PARAMETER_EVENTS = "/parameter_events"
+"""The topic on which every node of ROS tells of its parameters."""
 _SLOWER = 8
 """Drawings of the picture to one of plots and words."""
 _SILENT = 2.0
@@ -34,12 +37,13 @@ _SILENT = 2.0
 class Page:
     """Takes messages, and draws them when it is told to."""
 
-    def __init__(self, server: ViserServer, title: str):
+    def __init__(self, server: ViserServer, title: str, parameters: ParameterSource | None = None):
         """Make the page; it is empty until messages come.
 
         Args:
             server: of the page.
             title: stands behind the robot's name.
+            parameters: that can be read and set; none of a robot that is a record.
         """
         server.gui.configure_theme(
             control_width="large",
@@ -63,6 +67,10 @@ class Page:
             self._plots = {title: Plot(server.gui, title) for title in _PLOTS}
         with tabs.add_tab("Diagnostics"):
             self._reports = Reports(server.gui)
+        self._parameters: ParameterPanel | None = None
+        if parameters is not None:
+            with tabs.add_tab("Parameters"):
+                self._parameters = ParameterPanel(server.gui, parameters)
 
     @property
     def skipped(self) -> list[str]:
@@ -82,6 +90,9 @@ class Page:
         """
         if topic == graph.DIAGNOSTICS:  # which any node tells, also that of the page
             self._reports.tell(message, wall_time)
+        elif topic == PARAMETER_EVENTS:  # likewise
+            if self._parameters is not None:
+                self._parameters.take_event(message)
         else:
             self._heard = wall_time
             _TAKERS[topic](self, message)
@@ -107,6 +118,13 @@ class Page:
         elif self._turn == _SLOWER // 2:
             for plot in self._plots.values():
                 plot.draw()
+            if self._parameters is not None:
+                self._parameters.draw()
+
+    def close(self) -> None:
+        """Ask the robot nothing any more."""
+        if self._parameters is not None:
+            self._parameters.close()
 
     # A topic each -----------------------------------------------------------------------------
     def _on_description(self, message: String) -> None:
@@ -147,17 +165,12 @@ class Page:
         self._plots[_TORQUES].add(now, shares)
 
     def _on_drives(self, message: DriveStatusArray) -> None:
-        if message.emergency_stop:
-            state = "EMERGENCY STOP"
-        else:
-            state = "enabled" if message.operational else f"not enabled: {message.reason}"
         errors = [f"{drive.joint}: {drive.error}" for drive in message.drives if drive.error]
-        rows = [("joints", state), *(("error", text) for text in errors)]
+        rows = [("joints", drives_in_words(message)), *(("error", text) for text in errors)]
         self._facts.tell(graph.DRIVES_STATUS, rows)
 
     def _on_propulsion(self, message: PropulsionState) -> None:
-        armed = "armed" if message.armed else "disarmed"
-        rows = [("fans", f"{armed}, {message.mode}" if message.connected else "not connected")]
+        rows = [("fans", fans_in_words(message))]
         rows += [("fail-safe", message.failsafe)] if message.failsafe else []
         rows += [("autopilot", message.reason)] if message.reason else []
         self._facts.tell(graph.PROPULSION_STATE, rows)
@@ -203,5 +216,5 @@ _TAKERS: dict[str, Callable[[Page, Any], None]] = {
     graph.PROPULSION_STATE: Page._on_propulsion,
     graph.BATTERY: Page._on_battery,
 }
-SOURCES = (*_TAKERS, graph.DIAGNOSTICS)
+SOURCES = (*_TAKERS, graph.DIAGNOSTICS, PARAMETER_EVENTS)
 """Topics that the page is drawn from."""

@@ -9,6 +9,8 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from viser import GuiApi
 
+from husky_msgs.msg import DriveStatusArray, PropulsionState
+
 _LEVELS = {
     DiagnosticStatus.OK: ("ok", "#2b8a3e"),
     DiagnosticStatus.WARN: ("warning", "#e67700"),
@@ -23,6 +25,19 @@ _STYLE = "font-size:0.85em;padding:0 0.9em"
 
 Row = tuple[str, str]
 """What is told, and how it is."""
+
+
+def drives_in_words(message: DriveStatusArray) -> str:
+    """Return how the joints' drives stand."""
+    if message.emergency_stop:
+        return "EMERGENCY STOP"
+    return "enabled" if message.operational else f"not enabled: {message.reason}"
+
+
+def fans_in_words(message: PropulsionState) -> str:
+    """Return how the fans stand."""
+    armed = "armed" if message.armed else "disarmed"
+    return f"{armed}, {message.mode}" if message.connected else "not connected"
 
 
 def table(rows: Iterable[Row]) -> str:

@@ -48,7 +48,10 @@ class Scene:
         self._grid = server.scene.add_grid(
             f"{_ROOT}/grid", infinite_grid=True, cell_size=0.25, section_size=1.0, fade_distance=15
         )
-        server.scene.configure_environment_map(environment_intensity=_AMBIENT)
+        # A browser without a graphics processor draws the half of it at once: it has to steer, too.
+        server.scene.configure_environment_map(None)
+        server.scene.configure_default_lights(cast_shadow=False)
+        server.scene.add_light_hemisphere(f"{_ROOT}/sky", intensity=_AMBIENT)
         camera = server.initial_camera
         camera.position, camera.look_at, camera.fov = (0.9, -1.1, 0.45), (0.0, 0.0, -0.1), 0.8
         camera.near, camera.far = _NEAR, _FAR

@@ -1,6 +1,7 @@
 """Node `console`: the robot in a browser.
 
-The page is viser's, and what is on it is the page's affair (`husky_bringup.console`). This node
+The picture and its panels are viser's, and what is on them is the page's affair
+(`husky_bringup.console`); around it is a page with which operators steer. This node
 listens while somebody looks, and brings the page up to date `rate` times a second of wall time. A
 topic that is faster is thinned out in the middleware's queue: no more is decoded than is drawn.
 """
@@ -18,21 +19,30 @@ from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 
-from husky_bringup.console.page import SOURCES, Page
+from husky_bringup.console import page
+from husky_bringup.console.operator_server import VIEW
 from husky_bringup.console.server import PageServer
 from husky_bringup.definitions import message_class
 from husky_bringup.nodes.incoming import decode
 from husky_bringup.nodes.open_gate import open_gate
 from husky_bringup.nodes.raw_subscription import RawSubscription
+from husky_bringup.nodes.remote_parameters import RemoteParameters
+from husky_bringup.nodes.service_calls import ServiceCalls
+from husky_bringup.nodes.steering import SOURCES, Steering
 from husky_runtime import graph
 from husky_runtime.nodes import diagnostics, qos
-from husky_runtime.nodes.executor import executor_of
+from husky_runtime.nodes.executor import executor_of, wake
 from husky_runtime.nodes.message_guard import MessageGuard, Refused
 from husky_runtime.nodes.one_clock import OneClock
 from husky_runtime.nodes.parameters import declare
 from husky_runtime.nodes.run import run
 
 _PORT = 8080
+_PATIENCE = 10.0
+"""Wall time in which a node answers with its parameters [s]."""
+_PARAMETER_EVENTS = graph.Topic(
+    page.PARAMETER_EVENTS, "rcl_interfaces/msg/ParameterEvent", (), "COMMAND", 0.0
+)
 _DEPTH = 100
 """Messages that wait for the next look at a topic that is drawn whole."""
 _MOST = 4_000_000
@@ -57,18 +67,23 @@ class Console(OneClock, Node):
             self, "rate", 30.0, "drawings in a second of wall time [Hz]", 1.0, 60.0
         )
         self._server = PageServer()
-        self._page = Page(self._server, self.get_namespace().strip("/"))
+        self._calls = ServiceCalls(self, partial(wake, self), _PATIENCE)
+        parameters = RemoteParameters(self, self._calls)
+        self._page = page.Page(self._server, self.get_namespace().strip("/"), parameters)
         self._sources: list[_Source] = []
         self._taken = 0
         self.hot: Sequence[Subscription] = []
         self.create_timer(1.0 / self._rate, self._turn)
-        self._gate = open_gate(self, self._server.get_port(), _PORT, ())
+        self._steering = Steering(self)
+        self.hot_wires = [self._steering.serve, self._calls.serve]
+        places = {VIEW: self._server.get_port()}
+        self._gate = open_gate(self, self._steering.server.port, _PORT, (), places)
         self._diagnostics = diagnostics.Diagnostics(self, "browser", self._report)
         print(f"the robot is at {self._gate.address('http')}", flush=True)
 
     def _turn(self) -> None:
         """Take what has come and draw it, while somebody looks."""
-        if bool(self._server.get_clients()) != bool(self._sources):
+        if self._is_looked_at != bool(self._sources):
             (self._leave if self._sources else self._listen)()
         for source in self._sources:
             for _ in range(source.subscription.depth):
@@ -81,6 +96,10 @@ class Console(OneClock, Node):
             self._guard.run("the page", self._draw)
 
     @property
+    def _is_looked_at(self) -> bool:
+        return bool(self._server.get_clients()) or len(self._steering) > 0
+
+    @property
     def _guard(self) -> MessageGuard:
         executor = executor_of(self)
         assert executor is not None  # which calls the timer
@@ -91,8 +110,8 @@ class Console(OneClock, Node):
 
     def _listen(self) -> None:
         """Subscribe to what the page shows; what is latched comes at once."""
-        for row in graph.TOPICS:
-            if row.relative in SOURCES:
+        for row in (*graph.TOPICS, _PARAMETER_EVENTS):
+            if row.relative in (*SOURCES, *page.SOURCES):
                 topic = replace(row, relative=self.resolve_topic_name(row.relative))
                 take = partial(self._take, row.relative, message_class(row.type))
                 enter = self._guard.guarded(take, topic.name, bytes, raw=True)
@@ -104,6 +123,7 @@ class Console(OneClock, Node):
         for source in self._sources:
             source.subscription.close()
         self._sources.clear()
+        self._steering.forget()
 
     def _take(self, topic: str, kind: Any, data: bytes) -> None:
         """Take a message of a topic as it came; raises Refused for one that is none."""
@@ -112,14 +132,19 @@ class Console(OneClock, Node):
                 raise ValueError(f"{len(data)} bytes, {_MOST} are allowed")
             whole = topic == graph.ROBOT_DESCRIPTION  # a text longer than others may be
             message = deserialize_message(data, kind) if whole else decode(data, kind, most=_MOST)
-            self._page.take(topic, message, time.monotonic())
+            if topic in SOURCES:
+                self._steering.take(topic, message, time.monotonic())
+            if topic in page.SOURCES:
+                self._page.take(topic, message, time.monotonic())
         except (ValueError, RuntimeError) as error:
             raise Refused(str(error)) from error
 
     def _report(self) -> diagnostics.Report:
         values = {
-            "address": self._gate.address("http").partition("?")[0],
+            "address": self._gate.address("http").partition("/?")[0],
             "browsers": len(self._server.get_clients()),
+            "operators": len(self._steering),
+            "refused_from_operators": self._steering.server.refused,
             "connections": self._gate.connections,
             "refused_connections": self._gate.refused,
             "messages": self._taken,
@@ -133,6 +158,9 @@ class Console(OneClock, Node):
     def close(self) -> None:
         """Close the gate and the page."""
         self._gate.close()
+        self._steering.close()
+        self._calls.close()
+        self._page.close()
         self._leave()
         self._server.stop()
 

@@ -30,16 +30,17 @@ from rclpy.qos import qos_profile_parameter_events
 from rclpy.subscription import Subscription
 
 from husky_bringup.definitions import Definitions
+from husky_bringup.node_parameter import to_python
 from husky_bringup.nodes.gateway.client_topics import ClientTopics
 from husky_bringup.nodes.gateway.services import ServiceOffers
 from husky_bringup.nodes.gateway.topics import TopicFeeds
 from husky_bringup.nodes.open_gate import open_gate
-from husky_bringup.nodes.remote_parameters import RemoteParameters, to_python
+from husky_bringup.nodes.remote_parameters import RemoteParameters
 from husky_bringup.nodes.service_calls import ServiceCalls
 from husky_bringup.nodes.topic_search import EVERYTHING, TopicSearch
 from husky_runtime import graph
 from husky_runtime.nodes import diagnostics, qos
-from husky_runtime.nodes.executor import executor_of
+from husky_runtime.nodes.executor import wake
 from husky_runtime.nodes.one_clock import OneClock
 from husky_runtime.nodes.parameters import declare
 from husky_runtime.nodes.run import run
@@ -71,7 +72,7 @@ class FoxgloveGateway(OneClock, Node):
         topics, services, publish = self._declare_names()
         self._tasks: SimpleQueue[Callable[[], None]] = SimpleQueue()
         self._search = TopicSearch(self, topics)
-        self._calls = ServiceCalls(self, self._wake, _PATIENCE)
+        self._calls = ServiceCalls(self, partial(wake, self), _PATIENCE)
         self.parameters = RemoteParameters(self, self._calls)
         definitions, context = Definitions(), Context()
         self.feeds = TopicFeeds(self, context, definitions, rate)
@@ -176,7 +177,7 @@ class FoxgloveGateway(OneClock, Node):
                 self._server.publish_status(str(error), StatusLevel.Error)
 
         self._tasks.put(attempt)
-        self._wake()
+        wake(self)
 
     def read_parameters(self, names: Sequence[str]) -> list[Parameter]:
         """Return parameters as they are now, all of them for no name."""
@@ -188,11 +189,6 @@ class FoxgloveGateway(OneClock, Node):
         for why in self.parameters.write(wanted):
             self._server.publish_status(why, StatusLevel.Error)
         return self.read_parameters(list(wanted)) if wanted else []
-
-    def _wake(self) -> None:
-        executor = executor_of(self)
-        if executor is not None:
-            executor.end_wait()
 
     # The end ----------------------------------------------------------------------------------
     def quiet(self) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from rclpy.node import Node
 
@@ -10,7 +10,13 @@ from husky_bringup.web_gate import WebGate
 from husky_runtime.nodes.parameters import declare
 
 
-def open_gate(node: Node, inner_port: int, port: int, origins: Sequence[str]) -> WebGate:
+def open_gate(
+    node: Node,
+    inner_port: int,
+    port: int,
+    origins: Sequence[str],
+    places: Mapping[str, int] = {},
+) -> WebGate:
     """Declare the parameters of a gate and open it.
 
     Args:
@@ -18,6 +24,7 @@ def open_gate(node: Node, inner_port: int, port: int, origins: Sequence[str]) ->
         inner_port: where the server is that it guards, on this machine.
         port: to listen on by default.
         origins: pages that may connect by default.
+        places: ports of other servers that it guards, by the path below which they are.
 
     Raises:
         OSError: it cannot listen there.
@@ -30,4 +37,6 @@ def open_gate(node: Node, inner_port: int, port: int, origins: Sequence[str]) ->
     what = "pages that may connect, as https://host; file:// are installed programs"
     origins = declare(node, "origins", list(origins), what)
     most = declare(node, "connections", 32, "at once", 1, 1000)
-    return WebGate(host, port, inner_port, token=token, origins=origins, most=most)
+    return WebGate(
+        host, port, inner_port, places=places, token=token, origins=origins, most=most
+    )

@@ -7,15 +7,29 @@ from concurrent.futures import Future
 from typing import Any
 
 from rcl_interfaces.msg import ParameterType, ParameterValue
-from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
+from rcl_interfaces.srv import (
+    DescribeParameters,
+    GetParameters,
+    GetParameterTypes,
+    ListParameters,
+    SetParameters,
+)
 from rclpy.node import Node
-from rclpy.parameter import Parameter, parameter_value_to_python
+from rclpy.parameter import Parameter
 
+from husky_bringup.node_parameter import (
+    NodeParameter,
+    check_text,
+    is_of_every_node,
+    make_node_parameter,
+    to_python,
+)
 from husky_bringup.nodes.service_calls import CallError, ServiceCalls
 from husky_bringup.nodes.topic_search import EVERYTHING, is_wanted
 
 _LIST = "/list_parameters"
 _LIST_TYPE = "rcl_interfaces/srv/ListParameters"
+_UNSET = ParameterType.PARAMETER_NOT_SET
 _NUMBERS = {
     Parameter.Type.INTEGER: int,
     Parameter.Type.INTEGER_ARRAY: int,
@@ -51,6 +65,37 @@ class RemoteParameters:
         """
         return {name: to_python(value) for name, value in self._messages(names).items()}
 
+    def describe(self, node: str) -> list[NodeParameter]:
+        """Return the parameters of a node in the order of their declaration.
+
+        Left out are those that every node has.
+
+        Args:
+            node: its full name.
+
+        Raises:
+            CallError: it is not there, or does not answer.
+        """
+        if node not in self.nodes():
+            raise CallError(f"{node}: is not there")
+        names = [name for name in self._names(node) if not is_of_every_node(name)]
+        described = self._ask(node, "describe_parameters", DescribeParameters, names)
+        types = self._ask(node, "get_parameter_types", GetParameterTypes, names)
+        kinds = dict(zip(names, types.result().types, strict=False))
+        # One without a value would take those of all others with it.
+        with_value = [name for name, kind in kinds.items() if kind != _UNSET]
+        read = self._ask(node, "get_parameters", GetParameters, with_value)
+        values = dict(zip(with_value, read.result().values, strict=False))
+        descriptors = {each.name: each for each in described.result().descriptors}
+        if not set(names) == set(kinds) == set(descriptors) or len(values) < len(with_value):
+            raise CallError(f"{node}: its parameters change just now")
+        return [
+            make_node_parameter(
+                descriptors[name], to_python(values[name]) if name in values else None
+            )
+            for name in names
+        ]
+
     def write(self, values: Mapping[str, Any]) -> list[str]:
         """Set parameters; return why some of them have not been set, a line each.
 
@@ -82,6 +127,14 @@ class RemoteParameters:
                 refused.append(f"{name}: {result.reason}")
         return refused
 
+    def _names(self, node: str) -> list[str]:
+        request = ListParameters.Request()
+        listed = self._calls.call(f"{node}{_LIST}", ListParameters, request).result()
+        return list(listed.result.names)
+
+    def _ask(self, node: str, service: str, kind: Any, names: Sequence[str]) -> Future[Any]:
+        return self._calls.call(f"{node}/{service}", kind, kind.Request(names=names))
+
     def _messages(self, names: Sequence[str]) -> dict[str, ParameterValue]:
         known = self.nodes()
         asked: dict[str, list[str]] = {} if names else self._lists(known)
@@ -102,8 +155,7 @@ class RemoteParameters:
             if answer is not None:  # a node leaves out all when one is unknown to it
                 pairs = zip(asked[node], answer.values, strict=False)
                 found |= {f"{node}.{name}": value for name, value in pairs}
-        unset = ParameterType.PARAMETER_NOT_SET
-        return {name: value for name, value in found.items() if value.type != unset}
+        return {name: value for name, value in found.items() if value.type != _UNSET}
 
     def _lists(self, nodes: Sequence[str]) -> dict[str, list[str]]:
         """Return the names of the parameters of nodes; those that do not answer have none."""
@@ -113,14 +165,6 @@ class RemoteParameters:
         }
         answers = {node: _answer(call) for node, call in calls.items()}
         return {node: list(each.result.names) for node, each in answers.items() if each}
-
-
-def to_python(value: ParameterValue) -> Any:
-    """Return a value as bool, int, float, str or a list of them, or as bytes."""
-    found = parameter_value_to_python(value)
-    if value.type == ParameterType.PARAMETER_BYTE_ARRAY:
-        return b"".join(found)
-    return found.tolist() if hasattr(found, "tolist") else found
 
 
 def to_parameter(name: str, kind: int, value: Any) -> Parameter:
@@ -141,6 +185,9 @@ def to_parameter(name: str, kind: int, value: Any) -> Parameter:
         value = [_as(number, each) for each in value] if many else _as(number, value)
     if not wanted.check(value):
         raise ValueError(f"{value!r} is no {wanted.name.lower()}")
+    for each in value if isinstance(value, list) else [value]:
+        if isinstance(each, str):
+            check_text(each)
     return Parameter(name, wanted, value)
 
 

@@ -70,6 +70,8 @@ class Balance(Behaviour):
         inside: centre of mass inside of the edge, by the measured joints [m].
     """
 
+    answers = frozenset({"stand", "balance"}) | STOPS
+
     def __init__(self, name: str, context: ModeContext) -> None:
         """Standing."""
         super().__init__(name, context)
@@ -144,12 +146,12 @@ class Balance(Behaviour):
 
         A stop waits for legs that are not on the ground.
         """
-        if request in STOPS and self._lifted:
+        if request not in self.answers or (request in STOPS and not self._lifted):
+            return None
+        if request in STOPS:
             self._stop = request
             self._lie_down()
             return True, f"it puts its legs and its body down; {request} follows"
-        if request not in ("stand", "balance"):
-            return None
         if self._dropping:
             return (request == "stand" and not self._sinking), "it puts its legs down"
         self._goal = 0 if request == "stand" else len(self._steps) - 1

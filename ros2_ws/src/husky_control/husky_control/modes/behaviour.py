@@ -66,6 +66,7 @@ class Behaviour:
         place_counts: the estimated position says something.
         velocity_counts: the estimated velocity says something: the filter runs.
         wakes_to: what a velocity command asks for on behalf of the operator, "" for nothing.
+        answers: requests that `answer` meets or refuses; all others it leaves to the table.
     """
 
     active: ClassVar[bool] = True
@@ -73,6 +74,7 @@ class Behaviour:
     place_counts: ClassVar[bool] = True
     velocity_counts: ClassVar[bool] = True
     wakes_to: ClassVar[str] = ""
+    answers: ClassVar[frozenset[str]] = frozenset()
 
     def __init__(self, name: str, context: ModeContext) -> None:
         """Not entered yet; shares the context with all modes."""

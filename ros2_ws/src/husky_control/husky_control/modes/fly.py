@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import ClassVar
 
 import numpy as np
 
@@ -19,7 +18,7 @@ from husky_description.arrays import Array
 class Fly(Behaviour):
     """One flight; the legs keep their posture and carry what the fans do not."""
 
-    lands_for: ClassVar[str] = "stand"
+    answers = frozenset({"stand"})
 
     def __init__(self, name: str, context: ModeContext) -> None:
         """On the ground."""
@@ -95,7 +94,7 @@ class Fly(Behaviour):
 
     def answer(self, request: str) -> tuple[bool, str] | None:
         """Land, when asked for the mode that follows."""
-        if request != self.lands_for:
+        if request not in self.answers:
             return None
         self.context.hover.land()
         return True, "landing"

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 from husky_control.gait.table import GaitClock
 from husky_control.modes.behaviour import Behaviour, Event, Happening
 from husky_control.tick_data import CYCLIC_POSITION, TICK, JointCommand
@@ -44,13 +42,9 @@ class Hang(Behaviour):
 
 
 class Tread(Hang):
-    """Steps in place under its hips (T40).
+    """Steps in place under its hips (T40)."""
 
-    Attributes:
-        ends_for: mode that is asked for to end the steps.
-    """
-
-    ends_for: ClassVar[str] = "hang"
+    answers = frozenset({"hang"})
 
     def enter(self, event: Event) -> None:
         """Let the feet lift off."""
@@ -63,7 +57,7 @@ class Tread(Hang):
 
     def answer(self, request: str) -> tuple[bool, str] | None:
         """Stop, when asked for the mode before."""
-        if request != self.ends_for:
+        if request not in self.answers:
             return None
         self.context.suspended.stop()
         return True, "stopping"

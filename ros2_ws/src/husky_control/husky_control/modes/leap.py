@@ -53,6 +53,8 @@ class Leap(Behaviour):
         phase: see `LeapPhase`.
     """
 
+    answers = frozenset({"stand"})
+
     def __init__(self, name: str, context: ModeContext) -> None:
         """Standing."""
         super().__init__(name, context)
@@ -99,7 +101,7 @@ class Leap(Behaviour):
 
     def answer(self, request: str) -> tuple[bool, str] | None:
         """Rise again, when asked to stand before the push."""
-        if request != "stand":
+        if request not in self.answers:
             return None
         if self.phase in (LeapPhase.PUSH, LeapPhase.SPLAY):
             return False, "stand refused: it leaps"

@@ -18,7 +18,7 @@ from husky_description.arrays import Array
 class PositionTrot(Tread):
     """Steps at a commanded velocity, as far as the feet do not slip."""
 
-    ends_for = "stand"
+    answers = frozenset({"stand"})
     place_counts = velocity_counts = True
 
     def __init__(self, name: str, context: ModeContext) -> None:

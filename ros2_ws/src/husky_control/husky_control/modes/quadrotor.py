@@ -25,7 +25,7 @@ LEFT_ALONE = 20.0
 class Quadrotor(Fly):
     """One flight; the legs are arms."""
 
-    lands_for = "splay"
+    answers = frozenset({"splay"}) | STOPS
 
     def __init__(self, name: str, context: ModeContext) -> None:
         """On the perch; nobody has asked for a landing."""

@@ -29,6 +29,7 @@ class Settle(Behaviour):
     """Lowers the body at once; then lets go."""
 
     velocity_counts = False
+    answers = STOPS
 
     def __init__(self, name: str, context: ModeContext) -> None:
         """Nothing is wanted yet."""
@@ -66,7 +67,7 @@ class Settle(Behaviour):
 
     def answer(self, request: str) -> tuple[bool, str] | None:
         """Remember the stop that is asked for last."""
-        if request not in STOPS:
+        if request not in self.answers:
             return None
         self._stop = request
         return True, f"settling; {request} when the body is down"

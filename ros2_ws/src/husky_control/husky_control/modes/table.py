@@ -275,7 +275,7 @@ class ModeMachine:
                         return None, f"{name} refused: {CONDITIONS[condition]}"
                 self.mode = row.target
                 return row, row.target.value
-        allowed = ", ".join(self.allowed_requests()) or "nothing"
+        allowed = ", ".join(self.allowed_requests(self.mode)) or "nothing"
         return None, f"{name} cannot follow {self.mode.value}; it allows {allowed}"
 
     def raise_event(self, event: Event) -> Transition | None:
@@ -287,11 +287,11 @@ class ModeMachine:
                 return row
         return None
 
-    def allowed_requests(self) -> list[str]:
-        """Requests that the present mode knows, conditions aside."""
-        return [
-            name
-            for row in self._transitions
-            if row.event is Event.REQUEST and self.mode in row.sources
-            for name in row.requests
-        ]
+    def allowed_requests(self, mode: Mode) -> tuple[str, ...]:
+        """Return what may be asked for in a mode, conditions aside, in the order of the modes.
+
+        Rows of the table lead there, or the mode's object answers to it.
+        """
+        rows = [row for row in self._transitions if row.event is Event.REQUEST]
+        known = {name for row in rows if mode in row.sources for name in row.requests}
+        return tuple(n for n in self.requests if n in known | mode.behaviour.answers)

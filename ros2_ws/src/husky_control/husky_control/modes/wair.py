@@ -71,7 +71,7 @@ class Wair(Walk):
 
     def answer(self, request: str) -> tuple[bool, str] | None:
         """Stop, to stand as on the flat; refused on an incline."""
-        if request != "stand":
+        if request not in self.answers:
             return None
         slope = self.context.climbing.slope
         if slope > LEVEL:

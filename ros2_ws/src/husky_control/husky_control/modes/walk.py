@@ -17,6 +17,7 @@ class Walk(Stand):
     """Follows a velocity command; a change of gait goes through a stand."""
 
     wakes_to = ""
+    answers = frozenset({"stand"})
 
     def __init__(self, name: str, context: ModeContext) -> None:
         """No other gait is waiting."""
@@ -44,7 +45,7 @@ class Walk(Stand):
 
     def answer(self, request: str) -> tuple[bool, str] | None:
         """Stop, when asked to stand."""
-        if request != "stand":
+        if request not in self.answers:
             return None
         self.context.walking.stop_stepping()
         self._next_gait = ""

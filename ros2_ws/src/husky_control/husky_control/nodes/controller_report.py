@@ -1,4 +1,4 @@
-"""What `low_level_controller` tells of its controller: state, odometry, drawing, diagnostics."""
+"""What `low_level_controller` tells: modes, state, odometry, drawing, diagnostics."""
 
 from __future__ import annotations
 
@@ -9,13 +9,14 @@ from rclpy.node import Node
 
 from husky_control.controller import Controller
 from husky_control.gait.stability import static_margin
+from husky_control.gait.table import GAITS
 from husky_control.modes.table import Mode
 from husky_control.nodes.imu_link import ImuLink
 from husky_control.nodes.odometry_report import OdometryReport
 from husky_control.nodes.plan_link import PlanLink
 from husky_control.nodes.walk_markers import WalkMarkers
 from husky_control.tick_data import Measurements
-from husky_msgs.msg import ControllerState
+from husky_msgs.msg import ControllerMode, ControllerState, ModeTable
 from husky_runtime import graph
 from husky_runtime.lockstep import Presence
 from husky_runtime.nodes import diagnostics, qos, stamps
@@ -23,6 +24,15 @@ from husky_runtime.nodes.tick_clock import TickClock, percentile_ms
 
 REPORT_EVERY = 10
 """Ticks between two messages of state and odometry: 50 Hz."""
+
+
+def mode_table(controller: Controller) -> ModeTable:
+    """Return what a robot can be asked for, which stays the same when its world starts again."""
+    modes = [
+        ControllerMode(name=mode.value, meaning=mode.meaning, requests=requests)
+        for mode, requests in controller.allowed_requests().items()
+    ]
+    return ModeTable(modes=modes, gaits=list(GAITS))
 
 
 class ControllerReport:
@@ -40,6 +50,8 @@ class ControllerReport:
         self._node, self._clock, self._imu = node, clock, imu
         self._told = (controller.mode, controller.reason)
         self._publisher = node.create_publisher(ControllerState, graph.CONTROLLER_STATE, qos.STATUS)
+        modes = node.create_publisher(ModeTable, graph.MODE_TABLE, qos.LATCHED)
+        modes.publish(mode_table(controller))
         self._odometry = OdometryReport(node, float(controller.robot.foot_radius))
         self._markers = WalkMarkers(node)
 

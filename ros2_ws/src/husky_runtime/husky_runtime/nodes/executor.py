@@ -361,6 +361,13 @@ def _serve_timer(timer: Timer) -> bool:
     return True
 
 
+def wake(node: Node) -> None:
+    """Have a node's thread look at its wires, from any thread."""
+    executor = executor_of(node)
+    if executor is not None:
+        executor.end_wait()
+
+
 def executor_of(node: Node) -> WaitSetExecutor | None:
     """Return the executor that spins a node, None before it does."""
     executor: Any = node.executor

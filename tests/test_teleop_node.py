@@ -11,7 +11,6 @@ import sys
 import termios
 import time
 from collections.abc import Callable, Iterator
-from typing import Any
 
 import pytest
 
@@ -19,77 +18,16 @@ pytest.importorskip("rclpy")
 pytest.importorskip("husky_msgs")
 
 import rclpy
-from geometry_msgs.msg import Twist
+from noting_robot import NotingRobot
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from sensor_msgs.msg import Joy
-from std_srvs.srv import Trigger
 
-from husky_msgs.msg import ControllerState, DriveStatus, DriveStatusArray
-from husky_msgs.srv import SetGait, SetMode
 from husky_runtime import graph
 from husky_runtime.nodes import qos
 
 pytestmark = pytest.mark.graph
-
-
-class Robot:
-    """Services of drive bridge and controller; notes calls and velocities."""
-
-    def __init__(self, context: Context):
-        self.node = Node("robot", context=context)
-        self.executor = SingleThreadedExecutor(context=context)
-        self.executor.add_node(self.node)
-        self.calls: list[str] = []
-        self.velocities: list[tuple[float, float, float]] = []
-        self.state = ControllerState(mode="passive", gait="trot")
-        self.drives = DriveStatusArray(drives=[DriveStatus() for _ in range(12)])
-        self.node.create_subscription(Twist, graph.CMD_VEL, self.on_velocity, qos.COMMAND)
-        self.node.create_service(SetMode, graph.SET_MODE, self.on_mode)
-        self.node.create_service(SetGait, graph.SET_GAIT, self.on_gait)
-        for name in (
-            graph.DRIVES_ENABLE,
-            graph.DRIVES_RESET_FAULTS,
-            graph.DRIVES_EMERGENCY_STOP,
-        ):
-            self.node.create_service(Trigger, name, self.trigger(name))
-        self.state_publisher = self.node.create_publisher(
-            ControllerState, graph.CONTROLLER_STATE, qos.STATUS
-        )
-        self.drives_publisher = self.node.create_publisher(
-            DriveStatusArray, graph.DRIVES_STATUS, qos.STATUS
-        )
-        self.joystick = self.node.create_publisher(Joy, graph.JOY, qos.COMMAND)
-        self.node.create_timer(0.02, self.report)
-
-    def report(self) -> None:
-        self.state_publisher.publish(self.state)
-        self.drives_publisher.publish(self.drives)
-
-    def on_velocity(self, twist: Twist) -> None:
-        self.velocities.append((twist.linear.x, twist.linear.y, twist.angular.z))
-
-    def on_mode(self, request: Any, response: Any) -> Any:
-        self.calls.append(request.mode)
-        self.state.mode = {"stand_up": "stand"}.get(request.mode, request.mode)
-        response.success = True
-        return response
-
-    def on_gait(self, request: Any, response: Any) -> Any:
-        self.calls.append(f"gait {request.gait}")
-        self.state.gait = request.gait
-        response.success = True
-        return response
-
-    def trigger(self, name: str) -> Callable[[Any, Any], Any]:
-        def answer(request: Any, response: Any) -> Any:
-            self.calls.append(name)
-            self.drives.operational = name == graph.DRIVES_ENABLE
-            response.success = True
-            return response
-
-        return answer
 
 
 class Bench:
@@ -99,7 +37,11 @@ class Bench:
         domain = 1 + os.getpid() % 19  # of no graph: tests/ros_domain.py
         self.context = Context()
         rclpy.init(context=self.context, domain_id=domain)
-        self.robot = Robot(self.context)
+        self.node = Node("robot", context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self.joystick = self.node.create_publisher(Joy, graph.JOY, qos.COMMAND)
+        self.robot = NotingRobot(self.node)
         self.master, self.slave = pty.openpty()
         self.before = termios.tcgetattr(self.slave)
         self.seen = ""
@@ -114,9 +56,9 @@ class Bench:
         )
         self.until(
             lambda: (
-                self.robot.node.count_publishers(graph.CMD_VEL) == 1
-                and self.robot.state_publisher.get_subscription_count() == 1
-                and self.robot.joystick.get_subscription_count() == 1
+                self.node.count_publishers(graph.CMD_VEL) == 1
+                and self.robot.states.get_subscription_count() == 1
+                and self.joystick.get_subscription_count() == 1
             ),
             "teleop",
         )
@@ -128,7 +70,7 @@ class Bench:
             self.executor_once()
 
     def executor_once(self) -> None:
-        self.robot.executor.spin_once(timeout_sec=0.02)
+        self.executor.spin_once(timeout_sec=0.02)
         if select.select([self.master], [], [], 0.0)[0]:
             self.seen += os.read(self.master, 4096).decode()
 
@@ -146,7 +88,8 @@ class Bench:
         if self.process.poll() is None:
             self.process.kill()
         self.process.wait()
-        self.robot.node.destroy_node()
+        self.executor.shutdown()
+        self.node.destroy_node()
         rclpy.shutdown(context=self.context)
         os.close(self.master)
         os.close(self.slave)
@@ -208,7 +151,7 @@ def test_the_end_stops_the_robot_and_restores_the_terminal(
     end = time.monotonic() + 5.0
     while robot.velocities[-1] != (0.0, 0.0, 0.0):
         assert time.monotonic() < end, robot.velocities
-        robot.executor.spin_once(timeout_sec=0.05)
+        bench.executor.spin_once(timeout_sec=0.05)
 
 
 def test_a_joystick_without_a_terminal() -> None:
@@ -219,7 +162,7 @@ def test_a_joystick_without_a_terminal() -> None:
         held = Joy(axes=[0.0, 1.0, 0.0, -1.0, 0.0], buttons=[0, 0, 0, 0, 1])
 
         def push() -> bool:
-            robot.joystick.publish(held)
+            bench.joystick.publish(held)
             return (0.5, 0.0, pytest.approx(-0.8)) in robot.velocities and bool(robot.calls)
 
         bench.until(push, "a velocity and walking")

@@ -1,0 +1,168 @@
+"""The page around viser's picture, with which the robot is driven and stopped, and its websocket.
+
+It has a server and a thread of its own: nothing that viser has to do, and no browser that does not
+read, is between an operator and the emergency stop.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import threading
+import time
+from collections.abc import Callable
+from http import HTTPStatus
+from importlib.resources import files
+
+import msgspec
+from websockets.asyncio.server import Server, ServerConnection, serve
+from websockets.exceptions import ConnectionClosed
+from websockets.http11 import Request, Response
+
+from husky_bringup.console.operators import Ask, Operator, Operators, read_word
+from husky_bringup.teleop_mapping import ACTION_KEYS, MOTION_KEYS, Action
+
+PLACE = "/operator"
+"""Where the websocket is."""
+VIEW = "/view"
+"""Where the page expects viser's."""
+
+_PAGES = {
+    "/": ("index.html", "text/html"),
+    "/operator.js": ("operator.js", "text/javascript"),
+    "/operator.css": ("operator.css", "text/css"),
+}
+_HEADERS = {
+    "Content-Security-Policy": "default-src 'self'; img-src data:; frame-ancestors 'self'",
+    "Cache-Control": "no-cache",
+}
+_PERIOD = 0.1
+"""Between two beats to a browser [s]."""
+_BETWEEN = 0.002
+"""Least time between two words of one browser [s]; who sends more has to wait."""
+_MOST = 4096
+"""Longest word [bytes]."""
+_LOGGER = logging.getLogger(__name__)
+_LOGGER.addHandler(logging.NullHandler())
+_LOGGER.propagate = False  # who is no browser is told so, and counted
+
+
+class OperatorServer:
+    """Serves the page, and hears what operators hold and ask for.
+
+    Attributes:
+        port: that it listens on, on this machine.
+        robot: what each of them is told of the robot, as JSON; whoever knows it may set it.
+        refused: words that were none.
+    """
+
+    def __init__(self, operators: Operators, ask: Callable[[Ask, float], None]):
+        """Serve.
+
+        Args:
+            operators: that hold something.
+            ask: takes what one asks for, in the server's thread, and how old that is [s].
+        """
+        self._operators, self._ask = operators, ask
+        self.robot = b"{}"
+        self.refused = 0
+        website = files(__package__) / "website"
+        self._pages = {
+            path: ((website / name).read_text("utf-8"), f"{kind}; charset=utf-8")
+            for path, (name, kind) in _PAGES.items()
+        }
+        self._loop, self._ending = asyncio.new_event_loop(), asyncio.Event()
+        self._server: Server = self._loop.run_until_complete(self._listen())
+        self.port: int = next(iter(self._server.sockets)).getsockname()[1]
+        live, arguments = self._loop.run_until_complete, (self._live(),)
+        self._thread = threading.Thread(target=live, args=arguments, name="operators", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """End every connection."""
+        with contextlib.suppress(RuntimeError):  # it is closed already
+            self._loop.call_soon_threadsafe(self._ending.set)
+        self._thread.join()
+        self._loop.close()
+
+    async def _listen(self) -> Server:
+        return await serve(
+            self._serve,
+            "127.0.0.1",
+            0,
+            process_request=self._answer,
+            compression=None,
+            max_size=_MOST,
+            max_queue=4,
+            logger=_LOGGER,
+        )
+
+    async def _live(self) -> None:
+        await self._ending.wait()
+        self._server.close()
+        await self._server.wait_closed()
+
+    def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
+        """Answer a request with a page, or None for a websocket."""
+        path = request.path.partition("?")[0]
+        if path == PLACE:
+            return None
+        if path not in self._pages:
+            return connection.respond(HTTPStatus.NOT_FOUND, f"there is no {path[:80]}\n")
+        text, kind = self._pages[path]
+        response = connection.respond(HTTPStatus.OK, text)
+        del response.headers["Content-Type"]
+        response.headers.update(_HEADERS | {"Content-Type": kind})
+        return response
+
+    async def _serve(self, connection: ServerConnection) -> None:
+        """Serve an operator to his end."""
+        operator = self._operators.join()
+        telling = asyncio.create_task(self._tell(connection, operator))
+        try:
+            async for data in connection:
+                self._take(operator, data)
+                await asyncio.sleep(_BETWEEN)
+        except ConnectionClosed:
+            pass  # he is gone, whoever has ended it
+        except ValueError as error:
+            self.refused += 1
+            await connection.close(1008, str(error).encode()[:120].decode(errors="ignore"))
+        finally:
+            telling.cancel()
+            self._operators.leave(operator, time.monotonic())
+
+    def _take(self, operator: Operator, data: str | bytes) -> None:
+        word, now = read_word(data), time.monotonic()
+        age = self._operators.age(operator, word.beat, now)
+        if isinstance(word, Ask):
+            self._ask(word, age)
+            return
+        for action in self._operators.hold(operator, word, now):
+            self._ask(Ask("action", action.value), age)
+
+    async def _tell(self, connection: ServerConnection, operator: Operator) -> None:
+        """Tell a browser what keys mean, then again and again how things stand."""
+        with contextlib.suppress(ConnectionClosed):
+            await connection.send(_HELLO)
+            while True:
+                beat, delay, driver = self._operators.beat(operator, time.monotonic())
+                state = {
+                    "beat": beat,
+                    "delay": round(delay, 3) if delay < _LONG else None,
+                    "driver": driver,
+                    "robot": msgspec.Raw(self.robot),
+                }
+                await connection.send(msgspec.json.encode(state).decode())
+                await asyncio.sleep(_PERIOD)
+
+
+_LONG = 60.0
+_HELLO = msgspec.json.encode(
+    {
+        "motion_keys": {key: (v.forward, v.left, v.yaw) for key, v in MOTION_KEYS.items()},
+        "action_keys": {key: action.value for key, action in ACTION_KEYS.items()},
+        "actions": [action.value for action in Action],
+    }
+).decode()

@@ -1,0 +1,189 @@
+// The operator's side of the console: says what is held, twenty times a second while anything is,
+// and what is pressed. What the robot makes of it is decided there.
+"use strict";
+
+const PERIOD = 50; // between two words while something is held [ms]
+const IDLE = 500; // and while nothing is: they tell how long words take [ms]
+const SILENT = 1500; // without a word from the console after which it counts as lost [ms]
+const UNSENT = 2000; // that may wait in the browser; more would arrive too late [bytes]
+
+const find = (id) => document.getElementById(id);
+const view = find("view");
+const rows = { mode: find("modes"), gait: find("gaits"), action: find("actions") };
+const held = { move: null, turn: null, keys: new Set() };
+let meaning = { motion_keys: {}, action_keys: {} };
+let socket, beat = 0, heard = 0, said = 0, wasHeld = true;
+
+// The connection ------------------------------------------------------------------------------
+function connect() {
+  socket = new WebSocket(location.href.replace(/^http/, "ws").replace(/\/[^/]*$/, "/operator"));
+  socket.onmessage = (event) => take(JSON.parse(event.data));
+  socket.onopen = () => { wasHeld = true; };
+  socket.onclose = (event) => {
+    beat = heard = 0;
+    lose(event.reason || "no connection to the robot");
+    setTimeout(connect, 1000);
+  };
+}
+
+function send(word) {
+  if (socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(word));
+  else lose("not sent: no connection to the robot");
+}
+
+function lose(why) {
+  document.body.classList.add("lost");
+  find("link").textContent = why;
+}
+
+function ask(what, value) {
+  send({ type: "ask", what, value, beat });
+}
+
+// What comes ----------------------------------------------------------------------------------
+function take(message) {
+  if (message.motion_keys) {
+    meaning = message;
+    const key = (action) => Object.keys(meaning.action_keys).find((k) => meaning.action_keys[k] === action);
+    const names = message.actions.filter((action) => action !== find("stop").dataset.value);
+    fill("action", names.map((name) => ({ name, meaning: key(name) ? `key ${key(name).replace(" ", "space")}` : "" })));
+    return;
+  }
+  beat = message.beat;
+  heard = performance.now();
+  document.body.classList.remove("lost");
+  const { robot, driver, delay } = message;
+  const drives = { you: "you drive", another: "somebody else drives" }[driver] || "nobody drives";
+  find("link").textContent = delay === null ? drives : `${drives} · ${Math.round(1000 * delay)} ms`;
+  if (robot.modes) show(robot);
+}
+
+function show(robot) {
+  find("mode").textContent = [robot.mode, robot.why].filter(Boolean).join(": ");
+  find("said").textContent = robot.said;
+  fill("mode", robot.modes.filter((mode) => mode.name !== "emergency_stop"), robot.mode);
+  fill("gait", robot.gaits.map((name) => ({ name, possible: true })), robot.gait);
+  find("fans").hidden = !robot.fans;
+  for (const part of ["drives", "fans"]) find(part).lastElementChild.textContent = robot[part] || "";
+}
+
+// A button for each of what there is, changed only where something has changed.
+function fill(what, each, present) {
+  const row = rows[what];
+  const names = each.map(({ name }) => name).join();
+  if (row.dataset.names !== names) {
+    row.dataset.names = names;
+    row.querySelectorAll("button").forEach((button) => button.remove());
+    for (const { name, meaning: title } of each) {
+      const button = document.createElement("button");
+      Object.assign(button, { textContent: name.replaceAll("_", " "), title: title || "" });
+      Object.assign(button.dataset, { what, value: name });
+      row.append(button);
+    }
+  }
+  row.querySelectorAll("button").forEach((button, index) => {
+    const { name, possible } = each[index];
+    if (what !== "action") {
+      button.disabled = !possible;
+      button.setAttribute("aria-pressed", name === present);
+    }
+  });
+}
+
+document.addEventListener("click", (event) => {
+  const { what, value } = event.target.dataset;
+  if (what) ask(what, value);
+});
+
+// What is held --------------------------------------------------------------------------------
+for (const id of ["move", "turn"]) {
+  const stick = find(id);
+  const put = (x, y) => { stick.firstElementChild.style.transform = `translate(${x}px, ${y}px)`; };
+  const drag = (event) => {
+    if (!stick.hasPointerCapture(event.pointerId)) return;
+    const box = stick.getBoundingClientRect();
+    const reach = box.width / 2;
+    let x = (event.clientX - box.left) / reach - 1;
+    let y = id === "turn" ? 0 : (event.clientY - box.top) / reach - 1;
+    const size = Math.max(1, Math.hypot(x, y));
+    [x, y] = [x / size, y / size];
+    held[id] = { ahead: -y, left: -x };
+    stick.classList.add("held");
+    put(x * reach, y * reach);
+  };
+  const drop = () => {
+    held[id] = null;
+    stick.classList.remove("held");
+    put(0, 0);
+  };
+  stick.addEventListener("pointerdown", (event) => {
+    stick.setPointerCapture(event.pointerId);
+    drag(event);
+  });
+  stick.addEventListener("pointermove", drag);
+  for (const end of ["pointerup", "pointercancel", "lostpointercapture"]) stick.addEventListener(end, drop);
+  stick.drop = drop;
+}
+
+function onKey(event) {
+  const key = event.key.toLowerCase();
+  const typing = event.target.closest?.("input:not([type=checkbox], [type=range]), textarea, select, [contenteditable]");
+  if (event.type === "keyup") held.keys.delete(key);
+  if (typing || event.ctrlKey || event.altKey || event.metaKey) return;
+  const action = meaning.action_keys[key];
+  const isStop = action === find("stop").dataset.value;
+  if (!(isStop || (find("keys").checked && (action || meaning.motion_keys[key])))) return;
+  event.preventDefault(); // neither a button nor viser's camera is meant
+  event.stopPropagation();
+  if (event.type !== "keydown" || event.repeat) return;
+  if (action) ask("action", action);
+  else held.keys.add(key);
+}
+
+function release() {
+  held.keys.clear();
+  find("move").drop();
+  find("turn").drop();
+}
+
+// The picture has a window of its own: keys go to one of the two.
+function listen(target) {
+  target.addEventListener("keydown", onKey, true);
+  target.addEventListener("keyup", onKey, true);
+  target.addEventListener("blur", () => setTimeout(() => document.hasFocus() || release()));
+}
+
+listen(window);
+view.addEventListener("load", () => listen(view.contentWindow));
+document.addEventListener("visibilitychange", release);
+find("keys").addEventListener("change", release);
+find("speed").addEventListener("input", (event) => { event.target.nextElementSibling.value = `${event.target.value} %`; });
+
+// A gamepad in the order and with the signs of sensor_msgs/Joy: left and ahead are positive.
+function gamepad() {
+  if (!navigator.getGamepads) { // browsers give them to pages of this machine and of https alone
+    find("pad").textContent = "no gamepad over http";
+    return null;
+  }
+  const pad = document.hasFocus() ? [...navigator.getGamepads()].find((each) => each?.connected) : null;
+  find("pad").textContent = pad ? pad.id : "no gamepad: press one of its buttons";
+  if (!pad) return null;
+  const [x = 0, y = 0, x2 = 0, y2 = 0] = pad.axes.map((value) => Math.max(-1, Math.min(1, -value)));
+  const buttons = pad.buttons.slice(0, 32).map(({ pressed }) => pressed);
+  return { axes: [x, y, 0, x2, y2, 0], buttons };
+}
+
+setInterval(() => {
+  if (heard && performance.now() - heard > SILENT) lose("the robot does not answer");
+  const { move, turn, keys } = held;
+  const pad = gamepad();
+  const isHeld = Boolean(move || turn || keys.size || pad);
+  if (!isHeld && !wasHeld && performance.now() - said < IDLE) return;
+  if (!beat || socket.readyState !== WebSocket.OPEN || socket.bufferedAmount > UNSENT) return;
+  said = performance.now();
+  wasHeld = isHeld;
+  const stick = move || turn ? [move?.ahead || 0, move?.left || 0, turn?.left || 0] : null;
+  send({ type: "hold", beat, stick, keys: [...keys], pad, speed: find("speed").value / 100 });
+}, PERIOD);
+
+connect();

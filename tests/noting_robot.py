@@ -1,0 +1,107 @@
+"""A robot for tests of who operates it: it notes what it is asked for, and does as it is told."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from geometry_msgs.msg import Twist
+from rclpy.node import Node
+from std_srvs.srv import SetBool, Trigger
+
+from husky_msgs.msg import (
+    ControllerMode,
+    ControllerState,
+    DriveStatus,
+    DriveStatusArray,
+    ModeTable,
+    PropulsionState,
+)
+from husky_msgs.srv import SetFlightMode, SetGait, SetMode
+from husky_runtime import graph
+from husky_runtime.nodes import qos
+
+MODES = {"passive": ["stand_up"], "stand": ["walk", "sit"], "walk": ["stand"], "sit": ["stand_up"]}
+"""Modes, and what may be asked for in them."""
+
+
+class NotingRobot:
+    """Services and topics of drives, controller and fans.
+
+    Attributes:
+        calls: what has been asked for, in order.
+        velocities: that have come.
+        state: of the controller, told fifty times a second.
+        drives: theirs, likewise.
+        fans: theirs, None for a robot without any.
+    """
+
+    def __init__(self, node: Node):
+        """Offer all that a robot offers, through a node."""
+        self.calls: list[str] = []
+        self.velocities: list[tuple[float, float, float]] = []
+        self.state = ControllerState(mode="passive", gait="trot")
+        self.drives = DriveStatusArray(drives=[DriveStatus() for _ in range(12)])
+        self.fans: PropulsionState | None = None
+        node.create_subscription(Twist, graph.CMD_VEL, self._on_velocity, qos.COMMAND)
+        node.create_service(SetMode, graph.SET_MODE, self._on_mode)
+        node.create_service(SetGait, graph.SET_GAIT, self._on_gait)
+        node.create_service(SetBool, graph.PROPULSION_ARM, self._on_arm)
+        node.create_service(SetFlightMode, graph.PROPULSION_SET_MODE, self._on_flight_mode)
+        for name in (
+            graph.DRIVES_ENABLE,
+            graph.DRIVES_DISABLE,
+            graph.DRIVES_RESET_FAULTS,
+            graph.DRIVES_EMERGENCY_STOP,
+            graph.PROPULSION_KILL,
+        ):
+            node.create_service(Trigger, name, self._trigger(name))
+        make = node.create_publisher
+        self.states = make(ControllerState, graph.CONTROLLER_STATE, qos.STATUS)
+        self._drives_publisher = make(DriveStatusArray, graph.DRIVES_STATUS, qos.STATUS)
+        self._fans_publisher = make(PropulsionState, graph.PROPULSION_STATE, qos.STATUS)
+        modes = [ControllerMode(name=name, requests=requests) for name, requests in MODES.items()]
+        self._table = make(ModeTable, graph.MODE_TABLE, qos.LATCHED)
+        self._table.publish(ModeTable(modes=modes, gaits=["trot", "crawl"]))
+        node.create_timer(0.02, self._report)
+
+    def _report(self) -> None:
+        self.states.publish(self.state)
+        self._drives_publisher.publish(self.drives)
+        if self.fans is not None:
+            self._fans_publisher.publish(self.fans)
+
+    def _on_velocity(self, twist: Twist) -> None:
+        self.velocities.append((twist.linear.x, twist.linear.y, twist.angular.z))
+
+    def _on_mode(self, request: Any, response: Any) -> Any:
+        self.calls.append(request.mode)
+        response.success = request.mode not in MODES or self.state.mode != request.mode
+        response.message = "" if response.success else f"already in {request.mode}"
+        self.state.mode = {"stand_up": "stand"}.get(request.mode, request.mode)
+        return response
+
+    def _on_gait(self, request: Any, response: Any) -> Any:
+        self.calls.append(f"gait {request.gait}")
+        self.state.gait = request.gait
+        response.success = True
+        return response
+
+    def _on_arm(self, request: Any, response: Any) -> Any:
+        self.calls.append(f"arm {request.data}")
+        response.success = True
+        return response
+
+    def _on_flight_mode(self, request: Any, response: Any) -> Any:
+        self.calls.append(request.mode)
+        response.success = True
+        return response
+
+    def _trigger(self, name: str) -> Callable[[Any, Any], Any]:
+        def answer(request: Any, response: Any) -> Any:
+            self.calls.append(name)
+            self.drives.operational = name == graph.DRIVES_ENABLE
+            response.success = True
+            return response
+
+        return answer
