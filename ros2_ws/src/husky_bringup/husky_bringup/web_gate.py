@@ -167,8 +167,7 @@ class WebGate:
             inner_port: where the server is, on this machine.
             places: ports of others, for what is asked below a path such as "/view".
             token: to ask for; "" for one made here where it is needed, else none.
-            origins: pages that may connect, as scheme://host, besides those from here; file:// are
-                those of this machine's own files.
+            origins: pages that may connect, as scheme://host or file://, besides those from here.
             most: connections at once.
 
         Raises:
@@ -176,8 +175,7 @@ class WebGate:
             ValueError: the token or an origin is none.
         """
         _check_settings(token, origins)
-        self._host, self._most = host, most
-        self._ports = {**places, "": inner_port}
+        self._host, self._most, self._ports = host, most, {**places, "": inner_port}
         self._is_open = not is_loopback(host)
         self.token = token or (secrets.token_urlsafe(16) if self._is_open else "")
         self._origins = frozenset(each.lower() for each in origins)
