@@ -52,6 +52,20 @@ def test_it_trots_and_does_so_again(session):
     assert stand_and_trot(session) == digest
 
 
+def test_a_servo_that_is_lost_takes_the_torque_off_all(session):
+    """The others hold still first, for as long as a fall needs."""
+    session.inject(graph.PLANT_INJECT_FAULT, f"servo:{JOINT}", "unplug")
+    assert session.advance(0.5, lambda: not session.drives.operational)
+    assert JOINT in session.drives.reason and "no answer" in session.drives.reason
+    session.advance(0.6)
+    assert not any(drive.state == "operation enabled" for drive in session.drives.drives)
+    session.inject(graph.PLANT_INJECT_FAULT, f"servo:{JOINT}", "")
+    session.advance(1.0)
+    assert all(drive.error == "" for drive in session.drives.drives)
+    currents = np.array([drive.current for drive in session.drives.drives])
+    assert not currents.any()
+
+
 def test_what_it_can_be_asked_for_is_told_once_to_whoever_comes_later(session):
     """A world that starts again changes nothing of it."""
     heard = []
@@ -65,17 +79,3 @@ def test_what_it_can_be_asked_for_is_told_once_to_whoever_comes_later(session):
     assert requests["walk"] == ["stand", "damping", "emergency_stop"]
     assert "balance" in requests["stand"] and "wair" not in requests["stand"]
     assert list(table.gaits) == list(GAITS)
-
-
-def test_a_servo_that_is_lost_takes_the_torque_off_all(session):
-    """The others hold still first, for as long as a fall needs."""
-    session.inject(graph.PLANT_INJECT_FAULT, f"servo:{JOINT}", "unplug")
-    assert session.advance(0.5, lambda: not session.drives.operational)
-    assert JOINT in session.drives.reason and "no answer" in session.drives.reason
-    session.advance(0.6)
-    assert not any(drive.state == "operation enabled" for drive in session.drives.drives)
-    session.inject(graph.PLANT_INJECT_FAULT, f"servo:{JOINT}", "")
-    session.advance(1.0)
-    assert all(drive.error == "" for drive in session.drives.drives)
-    currents = np.array([drive.current for drive in session.drives.drives])
-    assert not currents.any()
