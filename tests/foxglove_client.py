@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
-import socket
 import struct
-import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-from websockets.exceptions import ConnectionClosed
-from websockets.sync.client import connect
+from websocket_client import WebsocketClient
 
 PROTOCOL = "foxglove.sdk.v1"
 _MESSAGE = struct.Struct("<BIQ")
@@ -36,7 +32,7 @@ class Received:
     message: Any
 
 
-class FoxgloveClient:
+class FoxgloveClient(WebsocketClient):
     """A connection, and everything that has come over it.
 
     Attributes:
@@ -47,7 +43,6 @@ class FoxgloveClient:
         parameters: newest value by name.
         answers: payload by number of the call, or the reason of a failure.
         time: newest time that the server has told [ns].
-        closed: whether the connection has ended.
     """
 
     def __init__(self, address: str, **options: Any):
@@ -56,9 +51,6 @@ class FoxgloveClient:
         Raises:
             websockets.exceptions.InvalidHandshake: it is refused.
         """
-        options.setdefault("max_size", None)
-        self._end = contextlib.ExitStack()
-        self._socket = self._end.enter_context(connect(address, subprotocols=[PROTOCOL], **options))
         self.channels: dict[str, dict[str, Any]] = {}
         self.services: dict[str, dict[str, Any]] = {}
         self.received: dict[str, list[Received]] = {}
@@ -67,43 +59,15 @@ class FoxgloveClient:
         self.answered: set[str] = set()
         self.answers: dict[int, bytes | str] = {}
         self.time = 0
-        self.closed = False
         self._topics: dict[int, str] = {}
         self._stores: dict[str, Any] = {}
         self._calls = 0
-        self._reading = threading.Lock()
-        self._thread = threading.Thread(target=self._read, daemon=True)
-        self._thread.start()
-
-    def close(self) -> None:
-        """Say goodbye."""
-        self._end.close()
-        self._thread.join()
-
-    @contextlib.contextmanager
-    def held(self) -> Iterator[None]:
-        """Read nothing meanwhile, as a page that its browser has put to sleep."""
-        with self._reading:
-            yield
-
-    def break_off(self) -> None:
-        """Go without a word, as a machine that is unplugged."""
-        self._socket.socket.shutdown(socket.SHUT_RDWR)
-        self._thread.join()
-
-    def join(self) -> None:
-        """Wait until the server has ended the connection."""
-        self._thread.join(60.0)
-        assert self.closed
+        super().__init__(address, subprotocols=[PROTOCOL], **options)
 
     # What it asks ---------------------------------------------------------------------------
     def say(self, **message: Any) -> None:
         """Send a message of the protocol."""
         self._socket.send(json.dumps(message))
-
-    def send_raw(self, data: str | bytes) -> None:
-        """Send anything."""
-        self._socket.send(data)
 
     def subscribe(self, topic: str) -> list[Received]:
         """Listen to a topic; return the list that its messages will be in."""
@@ -156,18 +120,11 @@ class FoxgloveClient:
         self._socket.send(struct.pack("<BI", 1, number) + data)
 
     # What comes -----------------------------------------------------------------------------
-    def _read(self) -> None:
-        try:
-            while True:
-                message = self._socket.recv()
-                with self._reading:
-                    pass
-                if isinstance(message, str):
-                    self._texts[json.loads(message)["op"]](self, json.loads(message))
-                else:
-                    self._binaries[message[0]](self, message)
-        except ConnectionClosed:
-            self.closed = True
+    def _take(self, data: str | bytes) -> None:
+        if isinstance(data, str):
+            self._texts[json.loads(data)["op"]](self, json.loads(data))
+        else:
+            self._binaries[data[0]](self, data)
 
     def _on_advertise(self, message: dict[str, Any]) -> None:
         self.channels |= {channel["topic"]: channel for channel in message["channels"]}

@@ -34,6 +34,7 @@ class NotingRobot:
         state: of the controller, told fifty times a second.
         drives: theirs, likewise.
         fans: theirs, None for a robot without any.
+        broken: services that refuse.
     """
 
     def __init__(self, node: Node):
@@ -43,6 +44,7 @@ class NotingRobot:
         self.state = ControllerState(mode="passive", gait="trot")
         self.drives = DriveStatusArray(drives=[DriveStatus() for _ in range(12)])
         self.fans: PropulsionState | None = None
+        self.broken: set[str] = set()
         node.create_subscription(Twist, graph.CMD_VEL, self._on_velocity, qos.COMMAND)
         node.create_service(SetMode, graph.SET_MODE, self._on_mode)
         node.create_service(SetGait, graph.SET_GAIT, self._on_gait)
@@ -101,7 +103,7 @@ class NotingRobot:
         def answer(request: Any, response: Any) -> Any:
             self.calls.append(name)
             self.drives.operational = name == graph.DRIVES_ENABLE
-            response.success = True
+            response.success, response.message = name not in self.broken, "it is broken"
             return response
 
         return answer

@@ -8,42 +8,25 @@ import threading
 from collections.abc import Iterator
 from typing import Any
 
+from websocket_client import WebsocketClient
 from websockets.exceptions import ConnectionClosed
-from websockets.sync.client import connect
 
 from husky_bringup.console.operator_server import PLACE
 
 _PERIOD = 0.05
 
 
-class OperatorClient:
+class OperatorClient(WebsocketClient):
     """A connection to the console's operator server.
 
     Attributes:
         state: what has been told last; empty before.
-        closed: code and reason of the end of the connection, None before.
     """
 
     def __init__(self, address: str, **options: Any):
         """Connect; options are those of `websockets.sync.client.connect`."""
-        self._end = contextlib.ExitStack()
-        self._socket = self._end.enter_context(
-            connect(address.replace("http", "ws", 1) + PLACE, **options)
-        )
         self.state: dict[str, Any] = {}
-        self.closed: tuple[int, str] | None = None
-        self._reading = threading.Lock()
-        self._thread = threading.Thread(target=self._read, daemon=True)
-        self._thread.start()
-
-    def close(self) -> None:
-        """Say goodbye."""
-        self._end.close()
-        self._thread.join()
-
-    def break_off(self) -> None:
-        """Be gone without a word."""
-        self._socket.socket.close()
+        super().__init__(address + PLACE, **options)
 
     @property
     def robot(self) -> dict[str, Any]:
@@ -59,10 +42,6 @@ class OperatorClient:
         """Say once what is held."""
         word = {"type": "hold", "beat": self.state.get("beat", 0), **held}
         self.send_raw(json.dumps(word))
-
-    def send_raw(self, data: str | bytes) -> None:
-        """Send anything."""
-        self._socket.send(data)
 
     @contextlib.contextmanager
     def holding(self, **held: Any) -> Iterator[threading.Thread]:
@@ -88,19 +67,7 @@ class OperatorClient:
             over.set()
             saying.join()
 
-    @contextlib.contextmanager
-    def held(self) -> Iterator[None]:
-        """Read nothing meanwhile, as a page that its browser has put to sleep."""
-        with self._reading:
-            yield
-
-    def _read(self) -> None:
-        try:
-            while True:
-                data = json.loads(self._socket.recv())
-                with self._reading:
-                    if "beat" in data:
-                        self.state = data
-        except (ConnectionClosed, OSError):
-            end = self._socket.protocol
-            self.closed = end.close_code or 1006, end.close_reason or ""
+    def _take(self, data: str | bytes) -> None:
+        message = json.loads(data)
+        if "beat" in message:
+            self.state = message

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import contextlib
-import threading
-from collections.abc import Iterator
 from typing import Any
 
 import msgspec
 import zstandard
 from viser import __version__
-from websockets.exceptions import ConnectionClosed
-from websockets.sync.client import connect
+from websocket_client import WebsocketClient
 
 _CAMERA = {
     "type": "ViewerCameraMessage",
@@ -27,7 +23,7 @@ _CAMERA = {
 }
 
 
-class PageClient:
+class PageClient(WebsocketClient):
     """A connection to viser's server, and the page as it is by what has come over it.
 
     Attributes:
@@ -35,7 +31,6 @@ class PageClient:
         positions: of objects [m], by name.
         gui: properties of each element of the panel, by its number.
         received: bytes that have come.
-        closed: whether the connection has ended.
     """
 
     def __init__(self, address: str, **options: Any):
@@ -44,62 +39,28 @@ class PageClient:
         Raises:
             websockets.exceptions.InvalidHandshake: it is refused.
         """
-        protocol = f"viser-v{__version__}"
-        address = address.replace("http", "ws", 1)
-        self._end = contextlib.ExitStack()
-        self._socket = self._end.enter_context(
-            connect(address, subprotocols=[protocol], max_size=None, **options)  # type: ignore[list-item]
-        )
         self.nodes: dict[str, str] = {}
         self.positions: dict[str, tuple[float, ...]] = {}
         self.gui: dict[str, dict[str, Any]] = {}
         self.received = 0
-        self.closed = False
-        self._reading = threading.Lock()
-        self._thread = threading.Thread(target=self._read, daemon=True)
-        self._thread.start()
+        super().__init__(address, subprotocols=[f"viser-v{__version__}"], **options)
         self.say(**_CAMERA)
-
-    def close(self) -> None:
-        """Say goodbye."""
-        self._end.close()
-        self._thread.join()
-
-    def join(self) -> None:
-        """Wait until the server has ended the connection."""
-        self._thread.join(60.0)
-        assert self.closed
-
-    @contextlib.contextmanager
-    def held(self) -> Iterator[None]:
-        """Read nothing meanwhile, as a page that its browser has put to sleep."""
-        with self._reading:
-            yield
 
     def say(self, **message: Any) -> None:
         """Send a message of viser's."""
         self.send_raw(msgspec.msgpack.encode(message))
 
-    def send_raw(self, data: str | bytes) -> None:
-        """Send anything."""
-        self._socket.send(data)
-
     def contents(self) -> list[str]:
         """Return the HTML of the panel, an element each."""
         return [str(props.get("content", "")) for props in list(self.gui.values())]
 
-    def _read(self) -> None:
-        with contextlib.suppress(ConnectionClosed):
-            while True:
-                data = self._socket.recv()
-                with self._reading:
-                    assert isinstance(data, bytes)
-                    self.received += len(data)
-                    for message in _messages(data):
-                        self._take(message)
-        self.closed = True
+    def _take(self, data: str | bytes) -> None:
+        assert isinstance(data, bytes)
+        self.received += len(data)
+        for message in _messages(data):
+            self._take_message(message)
 
-    def _take(self, message: dict[str, Any]) -> None:
+    def _take_message(self, message: dict[str, Any]) -> None:
         kind, name = message["type"], message.get("name", "")
         if kind == "SetPositionMessage":
             self.positions[name] = tuple(message["position"])

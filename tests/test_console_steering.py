@@ -221,6 +221,18 @@ def test_an_emergency_stop_goes_to_drives_and_controller(
     console.wait(lambda: set(console.robot.calls) == STOPPED, "the stop of both")
 
 
+def test_an_emergency_stop_that_the_drives_refuse_is_told(console: SteeredBench) -> None:
+    """What the controller answers does not hide it."""
+    operator = console.operator()
+    console.robot.broken = {graph.DRIVES_EMERGENCY_STOP}
+    try:
+        operator.ask("action", "emergency stop")
+        said = "EMERGENCY STOP: refused, it is broken; emergency stop: done"
+        console.wait(lambda: operator.robot.get("said") == said, "both outcomes")
+    finally:
+        console.robot.broken = set()
+
+
 def test_an_emergency_stop_goes_before_what_was_asked_by_three_hundred_words(
     console: SteeredBench,
 ) -> None:
@@ -237,7 +249,7 @@ def test_an_emergency_stop_goes_before_what_was_asked_by_three_hundred_words(
 def test_the_robot_walks_while_a_stick_is_held(console: SteeredBench) -> None:
     operator = console.operator()
     with console.driven(operator, (0.25, 0.0, 0.0), stick=AHEAD, speed=0.5):
-        assert console.robot.calls == ["walk"]
+        console.wait(lambda: console.robot.calls == ["walk"], "walking")
         console.wait(lambda: operator.state["driver"] == "you", "that he drives")
     console.follows(ZERO)
     console.is_left_alone()
@@ -280,7 +292,7 @@ def test_what_is_no_word_ends_that_connection(console: SteeredBench, nonsense: s
     operator = console.operator()
     operator.send_raw(nonsense)
     console.wait(lambda: operator.closed, "the end")
-    assert operator.closed is not None and operator.closed[0] == 1008 and operator.closed[1]
+    assert operator.code == 1008 and operator.reason
     console.wait_for_report(
         lambda each: values_of(each)["refused_from_operators"] == str(refused + 1), "counted"
     )

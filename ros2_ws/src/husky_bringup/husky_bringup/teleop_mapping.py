@@ -40,6 +40,9 @@ class Velocity:
         return self != Velocity()
 
 
+RELEASE = 0.5
+"""How long zero is sent after all is let go [s]."""
+
 MOTION_KEYS: dict[str, Velocity] = {
     "w": Velocity(forward=1.0),
     "s": Velocity(forward=-1.0),
@@ -127,7 +130,7 @@ class DeadMan:
 class Keyboard:
     """Keys to velocities. A terminal tells presses and repeats, not releases."""
 
-    def __init__(self, limits: Velocity, hold: float = 0.7, release: float = 0.5):
+    def __init__(self, limits: Velocity, hold: float = 0.7, release: float = RELEASE):
         """No key is held.
 
         Args:
@@ -186,7 +189,7 @@ class Joystick:
         limits: Velocity,
         layout: JoystickLayout | None = None,
         silence: float = 0.3,
-        release: float = 0.5,
+        release: float = RELEASE,
     ):
         """Nothing is held.
 

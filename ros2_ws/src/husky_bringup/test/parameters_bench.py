@@ -8,30 +8,14 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
-import msgspec
 from gate_bench import until
+from page_client import PageClient
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterEvent, ParameterType, ParameterValue
-from viser import __version__
-from websockets.exceptions import ConnectionClosed
-from websockets.sync.client import connect
 
 from husky_bringup.console.parameter_panel import ParameterPanel
 from husky_bringup.console.server import PageServer
 from husky_bringup.node_parameter import NodeParameter
-
-CAMERA = {
-    "type": "ViewerCameraMessage",
-    "wxyz": (1.0, 0.0, 0.0, 0.0),
-    "position": (1.0, 0.0, 0.0),
-    "fov": 1.0,
-    "near": 0.1,
-    "far": 100.0,
-    "image_height": 100,
-    "image_width": 100,
-    "look_at": (0.0, 0.0, 0.0),
-    "up_direction": (0.0, 0.0, 1.0),
-}
 
 
 def parameter(
@@ -209,19 +193,7 @@ def event(node: str, kind: str = "changed", **values: float) -> ParameterEvent:
 @contextlib.contextmanager
 def browser(server: PageServer) -> Iterator[Say]:
     """Look at the page, and send messages."""
-    address = f"ws://127.0.0.1:{server.get_port()}"
-    protocol: Any = f"viser-v{__version__}"
-    with connect(address, subprotocols=[protocol], max_size=None) as socket:
-
-        def read() -> None:
-            with contextlib.suppress(ConnectionClosed):
-                while True:
-                    socket.recv()
-
-        def say(**message: Any) -> None:
-            socket.send(msgspec.msgpack.encode(message))
-
-        threading.Thread(target=read, daemon=True).start()
-        say(**CAMERA)
-        until(lambda: bool(server.get_clients()))
-        yield say
+    client = PageClient(f"http://127.0.0.1:{server.get_port()}")
+    until(lambda: bool(server.get_clients()))
+    yield client.say
+    client.close()

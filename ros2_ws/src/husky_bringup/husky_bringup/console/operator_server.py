@@ -135,12 +135,11 @@ class OperatorServer:
 
     def _take(self, operator: Operator, data: str | bytes) -> None:
         word, now = read_word(data), time.monotonic()
-        age = self._operators.age(operator, word.beat, now)
         if isinstance(word, Ask):
-            self._ask(word, age)
+            self._ask(word, self._operators.age(operator, word.beat, now))
             return
         for action in self._operators.hold(operator, word, now):
-            self._ask(Ask("action", action.value), age)
+            self._ask(Ask("action", action.value), operator.delay)
 
     async def _tell(self, connection: ServerConnection, operator: Operator) -> None:
         """Tell a browser what keys mean, then again and again how things stand."""
@@ -159,6 +158,7 @@ class OperatorServer:
 
 
 _LONG = 60.0
+"""A delay that is not told any more: of a beat that is not known, too [s]."""
 _HELLO = msgspec.json.encode(
     {
         "motion_keys": {key: (v.forward, v.left, v.yaw) for key, v in MOTION_KEYS.items()},

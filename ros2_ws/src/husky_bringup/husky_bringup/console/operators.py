@@ -19,6 +19,7 @@ from msgspec import Meta
 
 from husky_bringup.teleop_mapping import (
     MOTION_KEYS,
+    RELEASE,
     Action,
     DeadMan,
     Joystick,
@@ -107,8 +108,8 @@ class Operator:
     def __init__(self, rules: Rules):
         """Nothing is held."""
         self._rules = rules
-        self._dead_man = DeadMan(rules.silence, _RELEASE)
-        self._joystick = Joystick(rules.limits, rules.layout, rules.silence, _RELEASE)
+        self._dead_man = DeadMan(rules.silence, RELEASE)
+        self._joystick = Joystick(rules.limits, rules.layout, rules.silence)
         self._beats: deque[tuple[int, float]] = deque(maxlen=_BEATS)
         self._count = itertools.count(1)
         self._is_barred = True
@@ -166,10 +167,6 @@ class Operator:
             command = self._joystick.command(now) or command
         speed = Velocity(self._speed, self._speed, self._speed)
         return command.scaled(speed) if command is not None else None
-
-
-_RELEASE = 0.5
-"""How long zero is sent after all is let go [s]."""
 
 
 def _share(word: Hold) -> Velocity | None:

@@ -30,8 +30,8 @@ PARAMETER_EVENTS = "/parameter_events"
 """The topic on which every node of ROS tells of its parameters."""
 _SLOWER = 8
 """Drawings of the picture to one of plots and words."""
-_SILENT = 2.0
-"""Wall time without a word from the robot after which the page says so [s]."""
+SILENT = 2.0
+"""Wall time without a word from the robot after which people are told so [s]."""
 
 
 class Page:
@@ -111,7 +111,7 @@ class Page:
         self._turn = (self._turn + 1) % _SLOWER
         if self._turn == 0:
             silent = wall_time - self._heard
-            word = f", silent for {silent:.0f} s" if silent > _SILENT else ""
+            word = f", silent for {silent:.0f} s" if silent > SILENT else ""
             self._facts.tell(graph.CLOCK, [("time", f"{now:.1f} s{word}")])
             self._facts.draw()
             self._reports.draw(wall_time)

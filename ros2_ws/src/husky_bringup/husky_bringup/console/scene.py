@@ -48,7 +48,7 @@ class Scene:
         self._grid = server.scene.add_grid(
             f"{_ROOT}/grid", infinite_grid=True, cell_size=0.25, section_size=1.0, fade_distance=15
         )
-        # A browser without a graphics processor draws the half of it at once: it has to steer, too.
+        # These would take a browser without a graphics processor most of its time; it steers, too.
         server.scene.configure_environment_map(None)
         server.scene.configure_default_lights(cast_shadow=False)
         server.scene.add_light_hemisphere(f"{_ROOT}/sky", intensity=_AMBIENT)

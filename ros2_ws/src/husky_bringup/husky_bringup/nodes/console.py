@@ -1,9 +1,9 @@
 """Node `console`: the robot in a browser.
 
 The picture and its panels are viser's, and what is on them is the page's affair
-(`husky_bringup.console`); around it is a page with which operators steer. This node
-listens while somebody looks, and brings the page up to date `rate` times a second of wall time. A
-topic that is faster is thinned out in the middleware's queue: no more is decoded than is drawn.
+(`husky_bringup.console`); around it is a page with which operators steer. This node listens while
+somebody looks, and brings the page up to date `rate` times a second of wall time. A topic that is
+faster is thinned out in the middleware's queue: no more is decoded than is drawn.
 """
 
 from __future__ import annotations

@@ -24,8 +24,8 @@ COMMAND_RATE = 20.0
 """Of velocity commands [Hz]."""
 _ENABLE_PERIOD = 5.0
 """How long standing up waits for the drives [s]."""
-_WALK_PERIOD = 0.3
-"""How long a robot may stand although it is sent a velocity, before it is asked to walk [s]."""
+_NOT_FOLLOWED = 6
+"""Velocities in a row for which a robot may stand before it is asked to walk."""
 
 
 class RobotOperator:
@@ -37,7 +37,6 @@ class RobotOperator:
         state: what the controller has said last, given by the node; None for nothing yet.
         drives: the same of the joints.
         gaits: to choose from, in order.
-        said: how the last request has gone.
     """
 
     def __init__(self, node: Node):
@@ -46,9 +45,9 @@ class RobotOperator:
         self.state: ControllerState | None = None
         self.drives: DriveStatusArray | None = None
         self.gaits: Sequence[str] = ()
-        self.said = ""
+        self._outcomes: dict[str, str] = {}
         self._stand_up_until = 0.0
-        self._stands_since = 0.0
+        self._not_followed = 0
         self._publisher = node.create_publisher(Twist, graph.CMD_VEL, qos.COMMAND)
         self._mode_client = node.create_client(SetMode, graph.SET_MODE)
         self._gait_client = node.create_client(SetGait, graph.SET_GAIT)
@@ -69,12 +68,12 @@ class RobotOperator:
         """Do what an operator asks for."""
         self._actions[action]()
 
-    def drive(self, velocity: Velocity, now: float) -> None:
-        """Send a velocity at a time [s]; a robot that goes on standing is asked to walk."""
-        if not (velocity.moving and self._mode == "stand"):
-            self._stands_since = now
-        elif now - self._stands_since > _WALK_PERIOD:
-            self._stands_since = now
+    def drive(self, velocity: Velocity) -> None:
+        """Send a velocity; a robot that goes on standing, as it is not woken, is asked to walk."""
+        stands = velocity.moving and self._mode == "stand"
+        self._not_followed = self._not_followed + 1 if stands else 0
+        if self._not_followed > _NOT_FOLLOWED:
+            self._not_followed = 0
             self.act(Action.WALK)
         twist = Twist()
         twist.linear.x, twist.linear.y = velocity.forward, velocity.left
@@ -88,16 +87,17 @@ class RobotOperator:
             self.set_mode("stand_up")
         elif self._stand_up_until and now > self._stand_up_until:
             self._stand_up_until = 0.0
-            self.said = "the drives are not enabled"
+            self.tell("the drives are not enabled")
 
     def halt(self) -> None:
         """Send zero, and see that it is taken: the node ends."""
         self._publisher.publish(Twist())
         self._publisher.wait_for_all_acked(Duration(seconds=0.5))
 
-    def set_mode(self, mode: str) -> None:
-        """Ask for a mode."""
-        self.call(self._mode_client, SetMode.Request(mode=mode), mode.replace("_", " "))
+    def set_mode(self, mode: str, *, also: bool = False) -> None:
+        """Ask for a mode, if need be as a part of what has been asked for just before."""
+        what = mode.replace("_", " ")
+        self.call(self._mode_client, SetMode.Request(mode=mode), what, also=also)
 
     def set_gait(self, gait: str) -> None:
         """Ask for a gait."""
@@ -111,19 +111,37 @@ class RobotOperator:
         """Reset the faults of the drives."""
         self.call(self._reset_client, Trigger.Request(), "reset faults")
 
-    def call(self, client: Client, request: Any, what: str) -> None:
-        """Call a service without waiting; say how it went when it answers."""
+    @property
+    def said(self) -> str:
+        """How that has gone which was asked for last."""
+        return "; ".join(self._outcomes.values())
+
+    def tell(self, outcome: str) -> None:
+        """Say how something has gone, from any thread."""
+        self._outcomes = {"": outcome}
+
+    def call(self, client: Client, request: Any, what: str, *, also: bool = False) -> None:
+        """Call a service without waiting; say how it went when it answers.
+
+        Args:
+            client: of the service.
+            request: what to ask for.
+            what: the same in words.
+            also: it belongs to what has been asked for just before.
+        """
+        outcomes = self._outcomes if also else {}
+        self._outcomes = outcomes
         if not client.service_is_ready():
-            self.said = f"{what}: {client.srv_name} is not there"
+            outcomes[what] = f"{what}: {client.srv_name} is not there"
             return
 
         def answered(future: Future) -> None:
             response = future.result()
             if response is not None:
                 outcome = "done" if response.success else f"refused, {response.message}"
-                self.said = f"{what}: {outcome}"
+                outcomes[what] = f"{what}: {outcome}"
 
-        self.said = f"{what} ..."
+        outcomes[what] = f"{what} ..."
         client.call_async(request).add_done_callback(answered)
 
     @property
@@ -153,13 +171,13 @@ class RobotOperator:
 
     def _recover(self) -> None:
         self.reset_faults()
-        self.set_mode("passive")
+        self.set_mode("passive", also=True)
 
     def _emergency_stop(self) -> None:
         """Stop the drives, which works without a controller; then tell the controller."""
         self._stand_up_until = 0.0
         self.call(self._stop_client, Trigger.Request(), "EMERGENCY STOP")
-        self.set_mode("emergency_stop")
+        self.set_mode("emergency_stop", also=True)
 
 
 def declare_limits(node: Node) -> Velocity:

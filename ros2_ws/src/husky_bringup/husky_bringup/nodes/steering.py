@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 import time
 from collections.abc import Callable
@@ -16,6 +17,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from husky_bringup.console.operator_server import OperatorServer
 from husky_bringup.console.operators import Ask, Operators, Rules
+from husky_bringup.console.page import SILENT
 from husky_bringup.console.panels import drives_in_words, fans_in_words
 from husky_bringup.nodes.robot_operator import (
     COMMAND_RATE,
@@ -39,8 +41,6 @@ SOURCES = (
 """Topics of which it has to know."""
 _WAITING = 32
 """Requests that wait for the node's thread."""
-_SILENT = 2.0
-"""Wall time without a word from the controller after which operators are told so [s]."""
 _LATE = 2.0
 """How old a request may be, other than an emergency stop [s]."""
 _STOPS = (("action", Action.EMERGENCY_STOP.value), ("mode", "emergency_stop"))
@@ -98,12 +98,12 @@ class Steering:
         if (ask.what, ask.value) in _STOPS:
             self._stop_asked.set()
         elif age > _LATE:
-            self._robot.said = f"{ask.value}: came too late, ask again"
+            self._robot.tell(f"{ask.value}: came too late, ask again")
         else:
             try:
                 self._asked.put_nowait(ask)
             except Full:
-                self._robot.said = f"{ask.value}: too much is asked at once"
+                self._robot.tell(f"{ask.value}: too much is asked at once")
         wake(self._node)
 
     # The node's thread ------------------------------------------------------------------------
@@ -112,20 +112,15 @@ class Steering:
         did = False
         if self._stop_asked.is_set():
             self._stop_asked.clear()
-            self._forget_asked()
+            with contextlib.suppress(Empty):
+                while True:
+                    self._asked.get_nowait()
             self._do(Ask(*_STOPS[0]))
             did = True
         while not self._asked.empty():
             self._do(self._asked.get_nowait())
             did = True
         return did
-
-    def _forget_asked(self) -> None:
-        try:
-            while True:
-                self._asked.get_nowait()
-        except Empty:
-            pass
 
     def _do(self, ask: Ask) -> None:
         button = self._askable.get((ask.what, ask.value))
@@ -141,7 +136,7 @@ class Steering:
             request = SetFlightMode.Request(mode=ask.value)
             self._robot.call(self._flight_mode_client, request, ask.value)
         else:
-            self._robot.said = f"there is nothing called {ask.what} {ask.value}"
+            self._robot.tell(f"there is nothing called {ask.what} {ask.value}")
 
     def take(self, topic: str, message: Any, wall_time: float) -> None:
         """Take a message of one of `SOURCES`, at a wall time [s]."""
@@ -165,7 +160,7 @@ class Steering:
         self._robot.go_on(now)
         command = self._operators.command(now)
         if command is not None:
-            self._robot.drive(command, now)
+            self._robot.drive(command)
         told = self._tell(now) if len(self._operators) else {}  # who comes next is told no old news
         self.server.robot = msgspec.json.encode(told)
 
@@ -177,7 +172,7 @@ class Steering:
             "mode": "",
             "why": "no word from the controller",
         }
-        if state is not None and now - self._heard < _SILENT:
+        if state is not None and now - self._heard < SILENT:
             told |= {"mode": state.mode, "why": state.reason, "gait": state.gait}
         possible = next((m.requests for m in self._table.modes if m.name == told["mode"]), ())
         told["modes"] = [

@@ -87,7 +87,7 @@ class Teleop(OneClock, Node):
         if command is None:
             command = self._joystick.command(now)
         if command is not None:
-            self._robot.drive(command, now)
+            self._robot.drive(command)
         self._show(command or Velocity())
 
     def _show(self, command: Velocity) -> None:
