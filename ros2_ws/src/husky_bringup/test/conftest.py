@@ -9,3 +9,4 @@ sys.path.append(str(Path(__file__).resolve().parents[4] / "tests"))
 from bag_fixtures import messages, profiles, typestore, write_bag  # noqa: F401
 from console_bench import server  # noqa: F401
 from gate_bench import echo, gate_to, heads, pages  # noqa: F401
+from replay_bench import record, walk_bag  # noqa: F401

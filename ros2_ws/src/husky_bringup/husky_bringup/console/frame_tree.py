@@ -28,6 +28,10 @@ class FrameTree:
         if child in self._told or len(self._told) < _MOST:
             self._told[child] = parent, tuple(pose)
 
+    def clear(self) -> None:
+        """Forget all frames."""
+        self._told.clear()
+
     def frames(self) -> list[str]:
         """Return the names of all frames."""
         return sorted({*self._told, *(parent for parent, _ in self._told.values())})

@@ -121,6 +121,18 @@ class Page:
             if self._parameters is not None:
                 self._parameters.draw()
 
+    def forget(self) -> None:
+        """Forget what the robot has told but what it looks like and the ground.
+
+        What comes now is of another time of a record.
+        """
+        self._time = self._heard = 0.0
+        self._scene.forget()
+        self._facts.clear()
+        self._reports.clear()
+        for plot in self._plots.values():
+            plot.clear()
+
     def close(self) -> None:
         """Ask the robot nothing any more."""
         if self._parameters is not None:
@@ -218,3 +230,5 @@ _TAKERS: dict[str, Callable[[Page, Any], None]] = {
 }
 SOURCES = (*_TAKERS, graph.DIAGNOSTICS, PARAMETER_EVENTS)
 """Topics that the page is drawn from."""
+PLOTTED = (graph.ODOM, graph.JOINT_STATES, graph.PROPULSION_STATE, graph.BATTERY)
+"""Those of which it shows the last seconds (`plots.SPAN`)."""

@@ -67,6 +67,10 @@ class Facts:
         """Replace the rows of a topic."""
         self._rows[topic] = rows
 
+    def clear(self) -> None:
+        """Tell nothing."""
+        self._rows = {topic: [] for topic in self._rows}
+
     def draw(self) -> None:
         """Bring the page up to date."""
         content = table(row for rows in self._rows.values() for row in rows)
@@ -89,6 +93,10 @@ class Reports:
         for status in message.status:
             if status.name in self._last or len(self._last) < _MOST:
                 self._last[status.name] = status, now
+
+    def clear(self) -> None:
+        """Forget what has been reported."""
+        self._last.clear()
 
     def draw(self, now: float) -> None:
         """Bring the page up to a wall time [s]."""

@@ -68,6 +68,11 @@ class Plot:
             self._points.popleft()
         self._fresh = True
 
+    def clear(self) -> None:
+        """Have no point, and show nothing until there is one."""
+        self._points.clear()
+        self._fresh = self._folder.visible = False
+
     def draw(self) -> None:
         """Bring the page up to date."""
         if self._fresh:

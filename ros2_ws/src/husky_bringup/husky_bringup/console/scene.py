@@ -14,6 +14,7 @@ from visualization_msgs.msg import MarkerArray
 
 from husky_bringup.console.drawings import Drawings
 from husky_bringup.console.frame_tree import IDENTITY, FrameTree, Pose
+from husky_bringup.console.server import move
 from husky_runtime import graph
 
 _ORIGINS = (graph.FRAME_ODOM, graph.FRAME_WORLD, graph.FRAME_BASE)
@@ -38,6 +39,7 @@ class Scene:
         """Draw nothing but a grid; the controls of the view are where the page is made just now."""
         self._server, self._tree = server, FrameTree()
         self._frames: dict[str, Any] = {}
+        self._poses: dict[str, Pose] = {}
         self._meshes: Mapping[str, trimesh.Trimesh] = {}
         self._looks: dict[str, Any] = {}
         self._drawings = Drawings(server.scene, _path, "drawn")
@@ -56,9 +58,10 @@ class Scene:
         camera.position, camera.look_at, camera.fov = (0.9, -1.1, 0.45), (0.0, 0.0, -0.1), 0.8
         camera.near, camera.far = _NEAR, _FAR
         gui = server.gui
-        self._origin = gui.add_dropdown(
+        self._origin: Any = gui.add_dropdown(
             "fixed frame", _ORIGINS[:1], hint="stands still in the picture"
         )
+        self._offered = _ORIGINS[0]
         self._follow = gui.add_checkbox("follow the robot", True)
         self._axes = gui.add_checkbox("axes of frames", False)
         self._layer_folder = gui.add_folder("drawings", visible=False)
@@ -92,6 +95,11 @@ class Scene:
         """The robot's time has started again: what was drawn is of another run."""
         self._drawings.clear()
 
+    def forget(self) -> None:
+        """Forget all but the robot's looks and the ground."""
+        self._tree.clear()
+        self._drawings.clear()
+
     @property
     def skipped(self) -> list[str]:
         """What is not drawn of the markers."""
@@ -104,7 +112,11 @@ class Scene:
         known = [name for name in _ORIGINS if name in frames]
         options = tuple(known + [name for name in frames if name not in known]) or _ORIGINS[:1]
         if options != tuple(self._origin.options):
+            was_chosen = self._origin.value != self._offered
             self._origin.options = options  # keeps its choice while that is one
+            self._offered = options[0]
+            if not was_chosen:
+                self._origin.value = options[0]
         with self._server.atomic():
             chosen = self._origin.value  # whatever a client has sent
             poses = self._tree.poses(chosen if chosen in options else options[0])
@@ -115,7 +127,8 @@ class Scene:
             for name, pose in placed.items():
                 self._place(name, pose)
             for name, handle in self._frames.items():
-                handle.visible = name in placed
+                if handle.visible != (name in placed):
+                    handle.visible = not handle.visible
             self._ground.draw(now)
             self._drawings.draw(now)
         self._offer_layers()
@@ -126,7 +139,8 @@ class Scene:
             way = np.array(base[:3]) - self._centre
             near = float(np.linalg.norm(way)) < _JUMP
             self._centre += way * (_FOLLOWING if near else 1.0)
-            self._root.position = -self._centre
+            x, y, z = (-self._centre).tolist()
+            move(self._root, (x, y, z))
 
     def _place(self, name: str, pose: Pose) -> None:
         frame = self._frames.get(name)
@@ -134,9 +148,12 @@ class Scene:
             frame = self._frames[name] = self._server.scene.add_frame(
                 _path(name), axes_length=_AXES, axes_radius=0.03 * _AXES
             )
-        x, y, z, qx, qy, qz, qw = pose
-        frame.position, frame.wxyz = (x, y, z), (qw, qx, qy, qz)
-        frame.show_axes = bool(self._axes.value)
+        if pose != self._poses.get(name):
+            self._poses[name] = pose
+            x, y, z, qx, qy, qz, qw = pose
+            move(frame, (x, y, z), (qw, qx, qy, qz))
+        if frame.show_axes != bool(self._axes.value):
+            frame.show_axes = not frame.show_axes
         if name in self._meshes and name not in self._looks:
             self._looks[name] = self._server.scene.add_mesh_trimesh(
                 f"{_path(name)}/look", self._meshes[name]

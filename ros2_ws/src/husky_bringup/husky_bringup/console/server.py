@@ -5,9 +5,12 @@ from __future__ import annotations
 import contextlib
 import io
 
-from viser import ViserServer
-from viser._messages import GuiUpdateMessage
+from viser import SceneNodeHandle, ViserServer
+from viser._messages import GuiUpdateMessage, SetOrientationMessage, SetPositionMessage
 from viser.infra import ClientId
+
+PORT = 8080
+"""At which people find the page, unless they say another."""
 
 
 class PageServer(ViserServer):
@@ -37,3 +40,23 @@ class PageServer(ViserServer):
         """End."""
         with contextlib.redirect_stdout(io.StringIO()):
             super().stop()
+
+
+def move(
+    handle: SceneNodeHandle,
+    position: tuple[float, float, float],
+    wxyz: tuple[float, float, float, float] | None = None,
+) -> None:
+    """Move an object of the scene; as its setters, which spend most of a drawing on comparing.
+
+    Args:
+        handle: of the object.
+        position: in the object above it [m].
+        wxyz: quaternion likewise; None to turn nothing.
+    """
+    state = handle._impl
+    state.position[:] = position
+    state.api._queue_scene_message(SetPositionMessage(state.name, position))
+    if wxyz is not None:
+        state.wxyz[:] = wxyz
+        state.api._queue_scene_message(SetOrientationMessage(state.name, wxyz))

@@ -16,14 +16,13 @@ from functools import partial
 from typing import Any
 
 from rclpy.node import Node
-from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 
 from husky_bringup.console import page
 from husky_bringup.console.operator_server import VIEW
-from husky_bringup.console.server import PageServer
+from husky_bringup.console.server import PORT, PageServer
 from husky_bringup.definitions import message_class
-from husky_bringup.nodes.incoming import decode
+from husky_bringup.nodes.incoming import decode_shown
 from husky_bringup.nodes.open_gate import open_gate
 from husky_bringup.nodes.raw_subscription import RawSubscription
 from husky_bringup.nodes.remote_parameters import RemoteParameters
@@ -37,7 +36,6 @@ from husky_runtime.nodes.one_clock import OneClock
 from husky_runtime.nodes.parameters import declare
 from husky_runtime.nodes.run import run
 
-_PORT = 8080
 _PATIENCE = 10.0
 """Wall time in which a node answers with its parameters [s]."""
 _PARAMETER_EVENTS = graph.Topic(
@@ -45,8 +43,6 @@ _PARAMETER_EVENTS = graph.Topic(
 )
 _DEPTH = 100
 """Messages that wait for the next look at a topic that is drawn whole."""
-_MOST = 4_000_000
-"""Bytes of one message."""
 
 
 @dataclass(slots=True)
@@ -77,7 +73,7 @@ class Console(OneClock, Node):
         self._steering = Steering(self)
         self.hot_wires = [self._steering.serve, self._calls.serve]
         places = {VIEW: self._server.get_port()}
-        self._gate = open_gate(self, self._steering.server.port, _PORT, (), places)
+        self._gate = open_gate(self, self._steering.server.port, PORT, (), places)
         self._diagnostics = diagnostics.Diagnostics(self, "browser", self._report)
         print(f"the robot is at {self._gate.address('http')}", flush=True)
 
@@ -128,15 +124,12 @@ class Console(OneClock, Node):
     def _take(self, topic: str, kind: Any, data: bytes) -> None:
         """Take a message of a topic as it came; raises Refused for one that is none."""
         try:
-            if len(data) > _MOST:
-                raise ValueError(f"{len(data)} bytes, {_MOST} are allowed")
-            whole = topic == graph.ROBOT_DESCRIPTION  # a text longer than others may be
-            message = deserialize_message(data, kind) if whole else decode(data, kind, most=_MOST)
+            message = decode_shown(topic, data, kind)
             if topic in SOURCES:
                 self._steering.take(topic, message, time.monotonic())
             if topic in page.SOURCES:
                 self._page.take(topic, message, time.monotonic())
-        except (ValueError, RuntimeError) as error:
+        except ValueError as error:
             raise Refused(str(error)) from error
 
     def _report(self) -> diagnostics.Report:

@@ -7,8 +7,11 @@ from typing import Any
 
 from rclpy.serialization import deserialize_message
 
+from husky_runtime import graph
 from husky_runtime.nodes.message_rules import make_check, most_bytes
 
+_MOST = 4_000_000
+"""Bytes of one message of a robot that is shown."""
 _check_of = cache(make_check)
 
 
@@ -29,11 +32,33 @@ def decode(data: bytes, kind: Any, encoding: str = "cdr", most: int | None = Non
     most = most_bytes(kind) if most is None else most
     if most is not None and len(data) > most:
         raise ValueError(f"{len(data)} bytes, {most} are allowed")
-    try:
-        message = deserialize_message(data, kind)
-    except RuntimeError as error:
-        raise ValueError(f"{len(data)} bytes are no {kind.__name__}") from error
+    message = _deserialize(data, kind)
     reason = _check_of(kind)(message)
     if reason:
         raise ValueError(reason)
     return message
+
+
+def decode_shown(topic: str, data: bytes, kind: Any) -> Any:
+    """Return a message that is shown, not obeyed: it may be longer than others.
+
+    Args:
+        topic: its name in the graph; the text of a description has no bound of its own.
+        data: CDR with its header of 4 bytes.
+        kind: class of the message.
+
+    Raises:
+        ValueError: as `decode`.
+    """
+    if topic != graph.ROBOT_DESCRIPTION:
+        return decode(data, kind, most=_MOST)
+    if len(data) > _MOST:
+        raise ValueError(f"{len(data)} bytes, {_MOST} are allowed")
+    return _deserialize(data, kind)
+
+
+def _deserialize(data: bytes, kind: Any) -> Any:
+    try:
+        return deserialize_message(data, kind)
+    except RuntimeError as error:
+        raise ValueError(f"{len(data)} bytes are no {kind.__name__}") from error

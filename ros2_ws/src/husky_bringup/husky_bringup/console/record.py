@@ -1,0 +1,162 @@
+"""What a bag holds of that which the page is drawn from."""
+
+from __future__ import annotations
+
+import math
+import threading
+from bisect import bisect_right
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from itertools import chain
+from operator import attrgetter
+from pathlib import Path
+from typing import Any
+
+from husky_bringup.bag_reader import BagReader
+from husky_bringup.console.page import PLOTTED, SOURCES
+from husky_bringup.console.plots import PERIOD, SPAN
+from husky_bringup.definitions import Definitions
+from husky_runtime import graph
+
+_STANDS, _STANDS_OF_TF = 3.0, 1.0
+"""For how long what is told again and again counts [s]: reports and plans once a second."""
+_SLACK = 1e-3
+"""By how much a message may come early to be kept [s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Recorded:
+    """A message: log time [s], its topic as in `SOURCES`, and what it is in CDR."""
+
+    time: float
+    topic: str
+    data: bytes
+
+
+@dataclass(slots=True)
+class _Track:
+    """The messages of one topic, by time."""
+
+    topic: graph.Topic
+    messages: list[Recorded] = field(default_factory=list)
+
+    @property
+    def stands(self) -> float:
+        """For how long a message counts [s]."""
+        if self.topic.qos == "LATCHED":
+            return math.inf
+        if self.topic.relative in PLOTTED:
+            return SPAN
+        return _STANDS_OF_TF if self.topic.relative == graph.TF else _STANDS
+
+    @property
+    def period(self) -> float:
+        """Between two messages that are kept, at least [s]; 0 where all are."""
+        return PERIOD - _SLACK if self.topic.rate * PERIOD > 1.0 else 0.0
+
+    def between(self, after: float, until: float) -> list[Recorded]:
+        """Return the messages after a time, up to another [s]."""
+        time = attrgetter("time")
+        first = bisect_right(self.messages, after, key=time)
+        return self.messages[first : bisect_right(self.messages, until, key=time)]
+
+
+class Record:
+    """The messages of a bag, of one robot.
+
+    A thread reads them, so that nobody waits for the end of a long bag. What comes faster than
+    plots show it is thinned out.
+
+    Attributes:
+        path: of the bag.
+        start, end: first and last log time [s].
+        read_to: log time before which all has been read [s]; inf at the end.
+        left_out: what of it is not shown, and why.
+    """
+
+    def __init__(self, path: Path, namespace: str | None = None):
+        """Open a bag and begin to read it.
+
+        Args:
+            path: its directory, or an MCAP file.
+            namespace: of the robot; by default of the one whose clock is recorded.
+
+        Raises:
+            FileNotFoundError: there is none.
+            rosbags.highlevel.AnyReaderError: it cannot be read, and nothing in it is whole.
+            ValueError: there is nothing in it that the page shows.
+        """
+        self._bag = BagReader(path)
+        robot = self._bag.namespace if namespace is None else namespace
+        shown = [row for row in graph.TOPICS if row.relative in SOURCES]
+        self._tracks = {graph.absolute(row.relative, robot): _Track(row) for row in shown}
+        if not any(self._bag.counts.get(name) for name in self._tracks):
+            found = ", ".join(sorted(self._bag.counts)) or "no message"
+            raise ValueError(f"{path} holds nothing of a robot in {robot or '/'}; it has {found}")
+        self.path, self.start, self.end = path, self._bag.start, self._bag.end
+        self.read_to = self.start
+        self.left_out = [self._bag.damage] if self._bag.damage else []
+        self._definitions = Definitions()
+        self._closed = False
+        self._thread = threading.Thread(target=self._read, name="bag", daemon=True)
+        self._thread.start()
+
+    def between(self, after: float, until: float) -> list[Recorded]:
+        """Return the messages after a time, up to another [s], in their order."""
+        return _in_order(track.between(after, until) for track in self._tracks.values())
+
+    def standing(self, time: float) -> list[Recorded]:
+        """Return the messages that still count at a time [s], in their order."""
+        return _in_order(
+            track.between(time - track.stands, time) for track in self._tracks.values()
+        )
+
+    def close(self) -> None:
+        """Read no further."""
+        self._closed = True
+        self._thread.join()
+
+    def _read(self) -> None:
+        """Read it all."""
+        try:
+            self._bag.read(self._take)
+        except Exception as error:  # of damaged bytes, or of a disk: whatever the reader trips over
+            self.left_out.append(f"{self.path} cannot be read further: {error}")
+        if self._bag.damage and self._bag.damage not in self.left_out:
+            self.left_out.append(self._bag.damage)
+        self.read_to = math.inf
+
+    def _take(self, reader: Any) -> None:
+        """Keep the messages of a reader as rosbags has it."""
+        tracks, wanted = {}, []
+        for connection in reader.connections:
+            track = self._tracks.get(connection.topic)
+            if track is not None and self._is_known(track.topic, connection, reader.typestore):
+                tracks[connection.topic] = track
+                wanted.append(connection)
+        for track in tracks.values():
+            track.messages.clear()
+        for connection, time_ns, data in reader.messages(wanted) if wanted else ():
+            if self._closed:
+                return
+            track, time = tracks[connection.topic], time_ns / 1e9
+            self.read_to = time
+            if not track.messages or time >= track.messages[-1].time + track.period:
+                track.messages.append(Recorded(time, track.topic.relative, data))
+
+    def _is_known(self, topic: graph.Topic, connection: Any, typestore: Any) -> bool:
+        """Return whether messages are of a topic's type as it is here, and note where not."""
+        self._definitions.text(topic.type)
+        today = self._definitions.typestore.hash_rihs01(topic.type)
+        known: bool = (
+            connection.msgtype == topic.type and typestore.hash_rihs01(topic.type) == today
+        )
+        note = f"{connection.topic}: {connection.msgtype} is not what it is today"
+        if not known and note not in self.left_out:
+            self.left_out.append(note)
+        return known
+
+
+def _in_order(parts: Iterable[list[Recorded]]) -> list[Recorded]:
+    """Return messages by time; those of one time in the order of their topics."""
+    return sorted(chain.from_iterable(parts), key=attrgetter("time"))
