@@ -16,6 +16,7 @@ pytest.importorskip("rclpy")
 from console_process import MODULE, URDF, ConsoleBench
 from geometry_msgs.msg import Point
 from node_bench import assert_refused, values_of
+from page_client import PageClient
 from std_msgs.msg import String
 from visualization_msgs.msg import Marker, MarkerArray
 from websockets.exceptions import InvalidStatus
@@ -127,13 +128,21 @@ def test_pages_that_do_not_read_hold_up_nobody(console: ConsoleBench) -> None:
     for client in stalled:
         console.shows(client, 0.5)
     other = console.client()
+
+    def at(client: PageClient) -> float:
+        return client.positions.get("/scene/body", (0.0,))[0]
+
     line = Marker(type=Marker.LINE_STRIP, ns="line", action=Marker.ADD)
     line.header.frame_id, line.scale.x, line.color.a = "body", 0.01, 1.0
     line.points = [Point(x=0.1 * index) for index in range(4000)]
 
+    drawn: set[int] = set()
+
     def change() -> None:
-        line.points[0].x += 0.1
-        console.markers.publish(MarkerArray(markers=[line]))
+        if other.received not in drawn:  # a slow console has no more to do than a quick one
+            drawn.add(other.received)
+            line.points[0].x += 0.1
+            console.markers.publish(MarkerArray(markers=[line]))
 
     with contextlib.ExitStack() as holds:
         for client in stalled:
@@ -144,7 +153,10 @@ def test_pages_that_do_not_read_hold_up_nobody(console: ConsoleBench) -> None:
         console.is_served()
     console.move(-1.0)
     for client in stalled:
-        console.wait(lambda c=client: c.positions["/scene/body"][0] == -1.0, "the newest")
+        console.wait(lambda c=client: c.closed or at(c) == -1.0, "the newest, or that it is let go")
+        if client.closed:  # by a slow machine's wall time, and comes again, as a browser does
+            client = console.client()
+            console.wait(lambda c=client: at(c) == -1.0, "the newest")
 
 
 def test_what_is_no_description_is_refused(console: ConsoleBench) -> None:
