@@ -1,0 +1,62 @@
+"""The console of the running robot, with an operator who has it open in a browser."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from served_bench import ServedBench
+
+if TYPE_CHECKING:
+    from browser_page import BrowserPage
+
+SILENCE = 2.0
+"""How late a word of a browser may come that draws without a graphics processor [s]."""
+_LONG = 20.0
+"""Of simulated time, in which everything that the page shows or asks for has come [s]."""
+
+
+@pytest.fixture(scope="package")
+def browser() -> Iterator[Any]:
+    """A browser; skipped where there is none."""
+    pytest.importorskip("playwright")
+    from browser_page import NoChromium, chromium
+
+    try:
+        with chromium() as browser:
+            yield browser
+    except NoChromium as missing:
+        pytest.skip(str(missing))
+
+
+@pytest.fixture(scope="module")
+def console(domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServedBench]:
+    """A console of the robot's own."""
+    directory: Path = tmp_path_factory.mktemp("console")
+    console = ServedBench(domain, directory, "husky_bringup.nodes.console")
+    console.serve(silence=SILENCE)
+    yield console
+    console.close()
+
+
+@pytest.fixture
+def page(browser: Any, console: ServedBench) -> Iterator[BrowserPage]:
+    """Its page, on which nothing goes wrong."""
+    from browser_page import BrowserPage
+
+    page = BrowserPage(browser, console.address)
+    yield page
+    page.close()
+    assert not page.errors
+
+
+@pytest.fixture
+def shown() -> Callable[..., None]:
+    """Lets a robot's world go on until a condition holds."""
+
+    def shown(robot: Any, condition: Callable[[], Any], what: str) -> None:
+        robot.until(condition, what, _LONG, step=0.2)
+
+    return shown

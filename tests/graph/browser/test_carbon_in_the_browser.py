@@ -1,0 +1,126 @@
+"""Husky Carbon stood up, driven, stopped and looked at by an operator in a browser."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from rcl_interfaces.srv import GetParameters
+
+from husky_runtime import graph
+
+pytest.importorskip("playwright")
+
+from browser_page import share_of
+
+pytestmark = [pytest.mark.graph, pytest.mark.slow]
+
+_SPEED = 0.25
+"""Of the stick at full deflection: half of the fastest, as long as nobody changes that [m/s]."""
+_WAY = 0.5
+"""For which the robot walks [m]."""
+
+
+def test_it_stands_up_by_its_button(robot: Any, page: Any, shown: Any) -> None:
+    """Its silhouette gets taller."""
+    shown(robot, lambda: page.lit("modes") == ["passive"], "the mode")
+    shown(robot, lambda: page.robot().height > 0, "the robot")
+    sitting = page.robot()
+    page.press("stand up")
+    shown(robot, lambda: page.lit("modes") == ["stand"], "that it stands")
+    assert robot.stands and robot.height > 0.5
+    assert "enabled" in page.words("drives")
+    shown(robot, lambda: page.robot().height > 1.7 * sitting.height, "a taller robot")
+
+
+def test_it_walks_while_the_stick_is_held(standing: Any, page: Any, shown: Any) -> None:
+    """It goes through the picture, and is back in its middle when the picture follows it."""
+    page.choose("fixed frame", graph.FRAME_ODOM)
+    page.tick("follow the robot", True)
+    shown(standing, lambda: page.robot().height > 0, "the robot")
+    standing.session.advance(0.5)
+    before, begin = page.robot(), standing.session.truth.pose.pose.position.x
+    page.tick("follow the robot", False)
+    with page.stick(ahead=1.0) as holding:
+
+        def has_gone() -> bool:
+            holding()
+            return standing.session.truth.pose.pose.position.x > begin + _WAY
+
+        shown(standing, has_gone, "its way")
+        speed = standing.session.state.commanded_velocity
+        assert standing.mode == "walk" and "you drive" in page.words("link")
+    assert list(speed) == pytest.approx([_SPEED, 0.0, 0.0], abs=0.02)
+    shown(standing, lambda: standing.mode == "stand", "that it stops")
+    shown(
+        standing, lambda: page.robot().middle > before.middle + 50, "the robot further to the right"
+    )
+    page.tick("follow the robot", True)
+    shown(
+        standing, lambda: abs(page.robot().middle - before.middle) < 25, "the robot in the middle"
+    )
+
+
+@pytest.mark.parametrize("how", ["button", "key", "key in the picture"])
+def test_an_emergency_stop(standing: Any, page: Any, shown: Any, how: str) -> None:
+    """The joints let go: the robot sinks, also in the picture."""
+    shown(standing, lambda: page.lit("modes") == ["stand"], "the mode")
+    shown(standing, lambda: page.robot().height > 0, "the robot")
+    stood = page.robot()
+    if how == "button":
+        page.press("EMERGENCY STOP", row="end")
+    else:
+        if how == "key in the picture":
+            page.turn_to("Robot")  # which has the focus then
+        page.page.keyboard.press("x")
+    shown(standing, lambda: standing.session.drives.emergency_stop, "the emergency stop")
+    shown(standing, lambda: page.words("drives").endswith("EMERGENCY STOP"), "the word of it")
+    shown(standing, lambda: page.robot().height < 0.8 * stood.height, "a robot that lies")
+    page.press("recover from a fault or an emergency stop")
+    shown(standing, lambda: page.lit("modes") == ["passive"], "passive")
+    standing.recover()
+
+
+def test_a_parameter_on_its_tab(standing: Any, page: Any, shown: Any) -> None:
+    """The node has the value that is typed, and the tab says so."""
+    name, node = "gait.trot.swing_height", graph.absolute(graph.LOW_LEVEL_CONTROLLER)
+    label = "swing_height [m]"
+
+    def has() -> float:
+        answer = standing.ask(GetParameters, f"{node}/get_parameters", names=[name])
+        return float(answer.values[0].double_value)
+
+    page.turn_to("Parameters")
+    page.write("names", name)
+    page.click("look again")
+    shown(standing, lambda: node in page.options("node"), "the node")
+    page.choose("node", node)
+    shown(standing, lambda: page.row(label).count() == 1, "the parameter")
+    before = has()
+    for value in (before + 0.03, before):
+        page.write(label, f"{value:.2f}")
+        shown(standing, lambda v=value: has() == pytest.approx(v), "the value")
+        said = page.view.get_by_text(f"{node}.{name} = {value:.2f}")
+        shown(standing, lambda s=said: s.count() == 1, "the word of it")
+
+
+def test_curves(trotting: Any, page: Any, shown: Any) -> None:
+    """They are drawn, in the colours of their legend."""
+    page.turn_to("Plots")
+    plots = page.view.locator("svg").filter(has=page.view.locator("g path[stroke]"))
+    shown(trotting, lambda: plots.count() >= 5, "the plots")
+    attitude = plots.first.locator("g path")
+    of = "(all, name) => all.map((each) => each.getAttribute(name))"
+    shown(
+        trotting,
+        lambda: all(d.count("L") > 10 for d in attitude.evaluate_all(of, "d")),
+        "points of curves",
+    )
+    colours = attitude.evaluate_all(of, "stroke")
+    assert len(colours) == 2
+
+    def shows_both() -> bool:  # never while the plot is being replaced
+        look = page.look(plots.first)
+        return all(share_of(each, look) > 1e-3 for each in colours)
+
+    shown(trotting, shows_both, f"curves in {colours}")
