@@ -220,6 +220,11 @@ def test_the_page_of_a_bag(walk_bag: Path) -> None:
         page = PageClient(address[1])
         wait_for(lambda: "/scene/base_link/look" in page.nodes)
         (slider,) = (u for u, each in page.gui.items() if each.get("label") == "time [s]")
+        (button,) = (u for u, each in page.gui.items() if each.get("label") == "play")
+        page.say(type="GuiUpdateMessage", uuid=button, updates={"value": True})
+        for nonsense in ([1, [2]], {"a": None}, "nothing", None, math.nan, 1e300):
+            for uuid in page.gui:
+                page.say(type="GuiUpdateMessage", uuid=uuid, updates={"value": nonsense})
         for moved in (12.0, 3.0):
             page.say(type="GuiUpdateMessage", uuid=slider, updates={"value": moved})
             wait_for(lambda x=moved: page.positions.get("/scene/base_link", (0.0,))[0] == x)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable
 from typing import Any
 
@@ -48,11 +49,11 @@ class Player:
             gui: of the page.
             page: that shows the record, and nothing else.
             record: that is played.
-            decode: returns the message of a topic; raises ValueError where there is none.
+            decode: returns the message of a topic; raises an error where there is none.
         """
         self._page, self._record, self._decode = page, record, decode
         self.time = self._wanted = record.start
-        self.refused = 0
+        self.refused, self._why = 0, ""
         self._shown = math.inf  # nothing yet
         self._kept: dict[str, bytes] = {}
         self._plays, self._last, self._held_until, self._turn = False, 0.0, 0.0, 0
@@ -64,7 +65,8 @@ class Player:
             self._speed = gui.add_dropdown("speed", _SPEEDS, initial_value="1")
             self._notes = gui.add_html("")
         panel.float(x=_EDGE, y=-_EDGE, width=_WIDTH)
-        self._button.on_click(lambda _: self._press())
+        self._presses: deque[Any] = deque()  # of threads of viser's
+        self._button.on_click(self._presses.append)
         self._set = 0.0
 
     def turn(self, wall_time: float) -> None:
@@ -74,6 +76,9 @@ class Player:
             wall_time: of now [s].
         """
         passed, self._last = min(wall_time - self._last, _LONGEST), wall_time
+        while self._presses:
+            self._presses.popleft()
+            self._press()
         moved = self._slider.value  # whatever a client has sent
         if moved != self._set:
             self._set = min(max(moved, 0.0), self._length) if math.isfinite(moved) else self._set
@@ -81,7 +86,8 @@ class Player:
             self._wanted = self._record.start + self._set
             self._held_until = wall_time + _HELD
         elif self._plays and wall_time > self._held_until:
-            self._wanted = self.time + passed * float(self._speed.value)
+            speed = self._speed.value  # likewise
+            self._wanted = self.time + passed * float(speed if speed in _SPEEDS else 1.0)
             self._plays = self._wanted < self._record.end
         known = math.nextafter(self._record.read_to, -math.inf)
         self.time = min(self._wanted, self._record.end, known)
@@ -116,8 +122,9 @@ class Player:
             self._kept[each.topic] = each.data
         try:
             self._page.take(each.topic, self._decode(each.topic, each.data), each.time)
-        except ValueError:
+        except Exception as error:  # one that a page cannot show does not end it
             self.refused += 1
+            self._why = str(error)
 
     def _draw_controls(self) -> None:
         """Bring the controls up to date."""
@@ -133,7 +140,7 @@ class Player:
             read = (self._record.read_to - self._record.start) / self._length
             rows.append(("read", f"{100.0 * read:.0f} %"))
         if self.refused:
-            rows.append(("refused", f"{self.refused} messages that are none"))
+            rows.append(("refused", f"{self.refused} messages, the last: {self._why}"))
         content = table(rows)
         if content != self._notes.content:
             self._notes.content = content
