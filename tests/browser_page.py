@@ -181,11 +181,6 @@ class BrowserPage:
         function = f"() => {{ const text = {text}; return {condition} }}"
         self.page.wait_for_function(function, polling=50, timeout=patience)
 
-    @property
-    def drives(self) -> bool:
-        """Whether the robot follows this operator."""
-        return self.words("link").startswith("you drive")
-
     def words(self, place: str) -> str:
         """Return what is written at a place, by its id."""
         return self.page.locator(f"#{place}").text_content() or ""
@@ -245,16 +240,6 @@ class BrowserPage:
         """Return how a part of the page looks (rows, columns, 3)."""
         self._close_notice()
         return _pixels(what.screenshot())
-
-    def save(self, path: Path, part: str = "page") -> None:
-        """Save how the page looks, or its panel."""
-        self._close_notice()
-        image = Image.open(io.BytesIO(self.page.screenshot())).convert("RGB")
-        picture = self.view.locator("canvas").first.bounding_box()
-        assert picture is not None
-        if part == "panel":
-            image = image.crop((round(picture["width"]), 0, image.width, round(picture["height"])))
-        image.save(path, optimize=True)
 
     def _hear(self, message: ConsoleMessage) -> None:
         if message.type == "error":

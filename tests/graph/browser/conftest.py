@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
+from browser_page import BrowserPage, NoChromium, chromium
 from served_bench import ServedBench
-
-if TYPE_CHECKING:
-    from browser_page import BrowserPage
 
 SILENCE = 2.0
 """How late a word of a browser may come that draws without a graphics processor [s]."""
@@ -21,9 +19,6 @@ _LONG = 20.0
 @pytest.fixture(scope="package")
 def browser() -> Iterator[Any]:
     """A browser; skipped where there is none."""
-    pytest.importorskip("playwright")
-    from browser_page import NoChromium, chromium
-
     try:
         with chromium() as browser:
             yield browser
@@ -44,8 +39,6 @@ def console(domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[S
 @pytest.fixture
 def page(browser: Any, console: ServedBench) -> Iterator[BrowserPage]:
     """Its page, on which nothing goes wrong."""
-    from browser_page import BrowserPage
-
     page = BrowserPage(browser, console.address)
     yield page
     page.close()

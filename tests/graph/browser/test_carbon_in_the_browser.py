@@ -5,13 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from browser_page import share_of
 from rcl_interfaces.srv import GetParameters
 
 from husky_runtime import graph
-
-pytest.importorskip("playwright")
-
-from browser_page import share_of
 
 pytestmark = [pytest.mark.graph, pytest.mark.slow]
 

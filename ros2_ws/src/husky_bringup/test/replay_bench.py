@@ -26,8 +26,6 @@ LENGTH = 20
 """Of the bag [s]."""
 MODES = ("passive", "stand", "walk", "sit")
 """Of the robot in it, five seconds each."""
-
-
 BEGIN = 100.0
 """Of the robot's time in it [s]; below it is counted from there."""
 

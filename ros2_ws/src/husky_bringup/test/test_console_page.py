@@ -136,6 +136,8 @@ def test_attitude_in_degrees(page: Seen) -> None:
 
 
 def test_a_robot_that_says_nothing_any_more_is_silent(page: Seen) -> None:
+    page.show(0.0, wall_time=99.0)
+    assert page.facts()["time"] == "0.0 s, nothing heard"
     page.tell(graph.CONTROLLER_STATE, ControllerState(), wall_time=100.0)
     page.show(5.0, wall_time=101.0)
     assert page.facts()["time"] == "5.0 s"

@@ -33,9 +33,13 @@ from husky_runtime import graph
 class Seen(Player):
     """A player whose page is read."""
 
-    def look(self, wall_time: float) -> dict[str, Any]:
+    def stand(self, wall_time: float) -> None:
+        """Turn until everything has been drawn."""
         for _ in range(8):
             self.turn(wall_time)
+
+    def look(self, wall_time: float) -> dict[str, Any]:
+        self.stand(wall_time)
         scene = self._page._scene
         return {
             "mode": self._page._facts._rows[graph.CONTROLLER_STATE][0][1],
@@ -74,7 +78,7 @@ def test_any_time_can_be_gone_to_in_any_order(play: Any, record: Record) -> None
         shown = expected(seconds)
         assert seen.pop("plotted") == pytest.approx(shown.pop("plotted"), abs=2), seconds
         assert seen == shown
-    assert player.refused == 0
+    assert player.failures == 0
 
 
 def test_playing_shows_the_same_as_going_there(play: Any, record: Record) -> None:
@@ -130,6 +134,14 @@ def test_a_slider_that_is_sent_nonsense(play: Any, record: Record, value: float)
     assert player.look(10.0)["mode"] == "walk"
 
 
+def test_a_speed_that_is_none_counts_as_one(play: Any, record: Record) -> None:
+    player = play(record)
+    player._speed._impl.value = "fast"  # as a browser may set it
+    player._press()
+    player.turn(0.5)
+    assert player.time == pytest.approx(BEGIN + 0.5)
+
+
 def test_a_description_is_drawn_once(play: Any, record: Record, monkeypatch: Any) -> None:
     player = play(record)
     taken: list[str] = []
@@ -172,8 +184,7 @@ def test_a_page_waits_for_what_has_not_been_read(
     record.read_to = BEGIN + 6.0
     player.turn(2.0)
     assert player.time == pytest.approx(BEGIN + 6.0) and player.time < BEGIN + 6.0
-    player._turn = -1 % 6
-    player.turn(2.1)
+    player.stand(2.1)
     assert "read" in player._notes.content and "30 %" in player._notes.content
     record.read_to = math.inf
     player.turn(3.0)
@@ -203,9 +214,20 @@ def test_a_message_that_is_none_is_counted(tmp_path: Path, write_bag: Any, play:
     write_bag(tmp_path / "bag", [data[0], (graph.ODOM, bad), data[1]])
     player = play(read(tmp_path / "bag"))
     player._slider.value = 1.0
-    for _ in range(8):
+    player.stand(1.0)
+    assert player.failures == 1 and "1, the last: 20 bytes are no Odom" in player._notes.content
+
+
+def test_a_page_that_cannot_be_drawn_goes_on(
+    play: Any, record: Record, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    player = play(record)
+    with monkeypatch.context() as broken:
+        broken.setattr(player._page, "draw", lambda *times: 1 / 0)
         player.turn(1.0)
-    assert player.refused == 1 and "1 messages" in player._notes.content
+    assert player.failures == 1
+    player._slider.value = 12.0
+    assert player.look(2.0)["mode"] == "walk" and "division" in player._notes.content
 
 
 # The program ----------------------------------------------------------------------------------
@@ -220,11 +242,10 @@ def test_the_page_of_a_bag(walk_bag: Path) -> None:
         page = PageClient(address[1])
         wait_for(lambda: "/scene/base_link/look" in page.nodes)
         (slider,) = (u for u, each in page.gui.items() if each.get("label") == "time [s]")
-        (button,) = (u for u, each in page.gui.items() if each.get("label") == "play")
-        page.say(type="GuiUpdateMessage", uuid=button, updates={"value": True})
         for nonsense in ([1, [2]], {"a": None}, "nothing", None, math.nan, 1e300):
-            for uuid in page.gui:
-                page.say(type="GuiUpdateMessage", uuid=uuid, updates={"value": nonsense})
+            for uuid, each in page.gui.items():
+                if each.get("label") != "play":  # whatever it is sent, it is pressed
+                    page.say(type="GuiUpdateMessage", uuid=uuid, updates={"value": nonsense})
         for moved in (12.0, 3.0):
             page.say(type="GuiUpdateMessage", uuid=slider, updates={"value": moved})
             wait_for(lambda x=moved: page.positions.get("/scene/base_link", (0.0,))[0] == x)

@@ -55,7 +55,8 @@ class Page:
         self._server, self._title = server, title
         self._robot = Description(title or "no robot yet", {}, {}, ())
         server.gui.set_panel_label(self._robot.name)
-        self._time, self._heard, self._turn = 0.0, 0.0, 0
+        self._time, self._turn = 0.0, 0
+        self._heard: float | None = None
         tabs = server.gui.add_tab_group()
         with tabs.add_tab("Robot"):
             self._facts = Facts(server.gui, _FACTS)
@@ -110,9 +111,7 @@ class Page:
         self._scene.draw(now)
         self._turn = (self._turn + 1) % _SLOWER
         if self._turn == 0:
-            silent = wall_time - self._heard
-            word = f", silent for {silent:.0f} s" if silent > SILENT else ""
-            self._facts.tell(graph.CLOCK, [("time", f"{now:.1f} s{word}")])
+            self._facts.tell(graph.CLOCK, [("time", f"{now:.1f} s{self._silence(wall_time)}")])
             self._facts.draw()
             self._reports.draw(wall_time)
         elif self._turn == _SLOWER // 2:
@@ -121,12 +120,19 @@ class Page:
             if self._parameters is not None:
                 self._parameters.draw()
 
+    def _silence(self, wall_time: float) -> str:
+        """Return the words for a robot that has said nothing for a while."""
+        if self._heard is None:
+            return ", nothing heard"
+        silent = wall_time - self._heard
+        return f", silent for {silent:.0f} s" if silent > SILENT else ""
+
     def forget(self) -> None:
         """Forget what the robot has told but what it looks like and the ground.
 
         What comes now is of another time of a record.
         """
-        self._time = self._heard = 0.0
+        self._time, self._heard = 0.0, None
         self._scene.forget()
         self._facts.clear()
         self._reports.clear()

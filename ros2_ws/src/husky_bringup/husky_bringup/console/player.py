@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from viser import GuiApi
@@ -37,7 +38,7 @@ class Player:
 
     Attributes:
         time: of the record that is shown [s].
-        refused: messages that could not be shown.
+        failures: what could not be shown, messages for the most part.
     """
 
     def __init__(
@@ -53,7 +54,7 @@ class Player:
         """
         self._page, self._record, self._decode = page, record, decode
         self.time = self._wanted = record.start
-        self.refused, self._why = 0, ""
+        self.failures, self._why = 0, ""
         self._shown = math.inf  # nothing yet
         self._kept: dict[str, bytes] = {}
         self._plays, self._last, self._held_until, self._turn = False, 0.0, 0.0, 0
@@ -111,8 +112,8 @@ class Player:
             news = self._record.standing(self.time)
         self._shown = self.time
         for each in news:
-            self._tell(each)
-        self._page.draw(self.time, self.time)
+            self._attempt(partial(self._tell, each))
+        self._attempt(partial(self._page.draw, self.time, self.time))
 
     def _tell(self, each: Recorded) -> None:
         """Give the page a message, unless it is one that it has."""
@@ -120,10 +121,14 @@ class Player:
             if self._kept.get(each.topic) is each.data:
                 return
             self._kept[each.topic] = each.data
+        self._page.take(each.topic, self._decode(each.topic, each.data), each.time)
+
+    def _attempt(self, act: Callable[[], None]) -> None:
+        """Do something; what cannot be shown does not end the page."""
         try:
-            self._page.take(each.topic, self._decode(each.topic, each.data), each.time)
-        except Exception as error:  # one that a page cannot show does not end it
-            self.refused += 1
+            act()
+        except Exception as error:
+            self.failures += 1
             self._why = str(error)
 
     def _draw_controls(self) -> None:
@@ -139,8 +144,8 @@ class Player:
         if self._record.read_to < self._record.end:
             read = (self._record.read_to - self._record.start) / self._length
             rows.append(("read", f"{100.0 * read:.0f} %"))
-        if self.refused:
-            rows.append(("refused", f"{self.refused} messages, the last: {self._why}"))
+        if self.failures:
+            rows.append(("failures", f"{self.failures}, the last: {self._why}"))
         content = table(rows)
         if content != self._notes.content:
             self._notes.content = content

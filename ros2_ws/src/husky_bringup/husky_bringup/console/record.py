@@ -96,7 +96,6 @@ class Record:
         self.path, self.start, self.end = path, self._bag.start, self._bag.end
         self.read_to = self.start
         self.left_out = [self._bag.damage] if self._bag.damage else []
-        self._definitions = Definitions()
         self._closed = False
         self._thread = threading.Thread(target=self._read, name="bag", daemon=True)
         self._thread.start()
@@ -128,10 +127,10 @@ class Record:
 
     def _take(self, reader: Any) -> None:
         """Keep the messages of a reader as rosbags has it."""
-        tracks, wanted = {}, []
+        tracks, wanted, today = {}, [], Definitions()
         for connection in reader.connections:
             track = self._tracks.get(connection.topic)
-            if track is not None and self._is_known(track.topic, connection, reader.typestore):
+            if track is not None and self._is_known(track.topic.type, connection, reader, today):
                 tracks[connection.topic] = track
                 wanted.append(connection)
         for track in tracks.values():
@@ -144,12 +143,11 @@ class Record:
             if not track.messages or time >= track.messages[-1].time + track.period:
                 track.messages.append(Recorded(time, track.topic.relative, data))
 
-    def _is_known(self, topic: graph.Topic, connection: Any, typestore: Any) -> bool:
-        """Return whether messages are of a topic's type as it is here, and note where not."""
-        self._definitions.text(topic.type)
-        today = self._definitions.typestore.hash_rihs01(topic.type)
-        known: bool = (
-            connection.msgtype == topic.type and typestore.hash_rihs01(topic.type) == today
+    def _is_known(self, kind: str, connection: Any, reader: Any, today: Definitions) -> bool:
+        """Return whether messages are of a type as it is today, and note where they are not."""
+        today.text(kind)  # learns it
+        known: bool = connection.msgtype == kind and (
+            reader.typestore.hash_rihs01(kind) == today.typestore.hash_rihs01(kind)
         )
         note = f"{connection.topic}: {connection.msgtype} is not what it is today"
         if not known and note not in self.left_out:

@@ -98,7 +98,7 @@ class Scene:
     def forget(self) -> None:
         """Forget all but the robot's looks and the ground."""
         self._tree.clear()
-        self._drawings.clear()
+        self.restart()
 
     @property
     def skipped(self) -> list[str]:
