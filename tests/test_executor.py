@@ -171,7 +171,8 @@ def test_hot_messages_are_served_in_the_order_in_which_they_came(node, hot):
     other.destroy_node()
 
 
-def test_what_comes_over_a_wire_while_it_waits_is_carried_at_once(node, monkeypatch):
+@pytest.mark.parametrize("has_hot", [True, False])
+def test_what_comes_over_a_wire_while_it_waits_is_carried_at_once(node, monkeypatch, has_hot):
     """Not after another wait, on everything, which may take 50 ms."""
     wire, carried = [], []
 
@@ -180,11 +181,28 @@ def test_what_comes_over_a_wire_while_it_waits_is_carried_at_once(node, monkeypa
         return bool(wire) and not wire.clear()
 
     node.hot_wires = (carry,)
-    executor = WaitSetExecutor(node, [])
+    hot = node.create_subscription(String, "tick", print, qos.COMMAND)
+    executor = WaitSetExecutor(node, [hot] if has_hot else [])
     try:
         executor.spin_once()  # makes its wait set
-        monkeypatch.setattr(executor, "_wait_hot", lambda: not wire.append("bytes"))
+        waits = (executor, "_wait_hot") if has_hot else (executor._look_at_rest(), "wait")
+        monkeypatch.setattr(*waits, lambda *_: not wire.append("bytes"))
         executor.spin_once()
         assert carried == ["bytes"]
+    finally:
+        executor.close()
+
+
+def test_a_node_that_nothing_is_urgent_to_is_looked_through_once_a_wait(node, monkeypatch):
+    executor = WaitSetExecutor(node)
+    looks = []
+    try:
+        rest = executor._look_at_rest()
+        serve = rest.serve
+        monkeypatch.setattr(rest, "serve", lambda: looks.append(serve()))
+        for _ in range(5):
+            executor.end_wait()
+            executor.spin_once()
+        assert len(looks) == 5
     finally:
         executor.close()

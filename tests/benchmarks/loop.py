@@ -106,9 +106,9 @@ def lockstep(seconds: float, *, with_unit: bool = False) -> dict[str, float]:
     """Trot in lockstep as fast as it goes; return what was measured."""
     with (
         tempfile.TemporaryDirectory() as directory,
-        _free_run(Path(directory), with_unit=with_unit) as session,
+        free_run(Path(directory), with_unit=with_unit) as session,
     ):
-        probe = _Probe(session)
+        probe = Probe(session)
         start, start_simulated = time.monotonic(), probe.simulated()
         start_cpu = cpu_seconds(session.processes, session.specs)
         probe.walk_for(seconds)
@@ -125,21 +125,26 @@ def lockstep(seconds: float, *, with_unit: bool = False) -> dict[str, float]:
 
 
 @contextlib.contextmanager
-def _free_run(directory: Path, *, with_unit: bool) -> Iterator[Session]:
-    """A trotting robot whose world is not paused."""
+def free_run(directory: Path, *, with_unit: bool = False) -> Iterator[Session]:
+    """A trotting robot whose world is not paused, and which wants a command every 0.5 s."""
     body = "robot_with_unit" if with_unit else "robot"
     with Session(directory, {graph.PLANT: {"body": body}}, record=False) as session:
-        stand_up(session)
-        if with_unit:
-            ready_fans(session)
-            assist(session, 0.4)
-        session.set_gait("trot")
-        walk(session, 2.0, (0.4, 0.0, 0.0))
+        trot(session, with_unit=with_unit)
         session.pause(False)
         yield session
 
 
-class _Probe:
+def trot(session: Session, *, with_unit: bool = False) -> None:
+    """Let the robot stand up and trot."""
+    stand_up(session)
+    if with_unit:
+        ready_fans(session)
+        assist(session, 0.4)
+    session.set_gait("trot")
+    walk(session, 2.0, (0.4, 0.0, 0.0))
+
+
+class Probe:
     """Keeps the robot walking and listens to `/diagnostics`."""
 
     def __init__(self, session: Session):
@@ -154,6 +159,11 @@ class _Probe:
             for pair in status.values:
                 with contextlib.suppress(ValueError):
                     self._seen.setdefault((status.name, pair.key), []).append(float(pair.value))
+
+    def forget(self) -> None:
+        """Drop what has been reported so far."""
+        self._take(qos.STATUS.depth)
+        self._seen.clear()
 
     def values(self, node: str, key: str) -> list[float]:
         """What a node reported, without the first report, which may be of the time before."""

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable
 from typing import Any
 
+import console
 import control
 import drives
 import loop
@@ -24,6 +25,7 @@ BENCHES: dict[str, Callable[[list[str]], dict[str, Any]]] = {
     "control": control.bench,
     "drives": drives.bench,
     "mavlink": mavlink.bench,
+    "console": console.bench,
 }
 
 

@@ -110,7 +110,7 @@ def test_curves(trotting: Any, page: Any, shown: Any) -> None:
     of = "(all, name) => all.map((each) => each.getAttribute(name))"
     shown(
         trotting,
-        lambda: all(d.count("L") > 10 for d in attitude.evaluate_all(of, "d")),
+        lambda: all(d.count(" ") > 20 for d in attitude.evaluate_all(of, "d")),
         "points of curves",
     )
     colours = attitude.evaluate_all(of, "stroke")

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 from urllib.parse import quote
 
-import numpy as np
 import trimesh
 from tf2_msgs.msg import TFMessage
 from viser import ViserServer
@@ -45,7 +45,7 @@ class Scene:
         self._drawings = Drawings(server.scene, _path, "drawn")
         self._ground = Drawings(server.scene, _path, "ground")
         self._layers: dict[str, Any] = {}
-        self._centre = np.zeros(3)
+        self._centre = (0.0, 0.0, 0.0)
         self._root = server.scene.add_frame(_ROOT, show_axes=False)
         self._grid = server.scene.add_grid(
             f"{_ROOT}/grid", infinite_grid=True, cell_size=0.25, section_size=1.0, fade_distance=15
@@ -136,11 +136,10 @@ class Scene:
     def _centre_on(self, base: Pose) -> None:
         """Move everything so that the robot stays in the middle of the picture."""
         if self._follow.value:
-            way = np.array(base[:3]) - self._centre
-            near = float(np.linalg.norm(way)) < _JUMP
-            self._centre += way * (_FOLLOWING if near else 1.0)
-            x, y, z = (-self._centre).tolist()
-            move(self._root, (x, y, z))
+            share = _FOLLOWING if math.dist(base[:3], self._centre) < _JUMP else 1.0
+            x, y, z = (c + share * (b - c) for b, c in zip(base, self._centre, strict=False))
+            self._centre = x, y, z
+            move(self._root, (-x, -y, -z))
 
     def _place(self, name: str, pose: Pose) -> None:
         frame = self._frames.get(name)

@@ -64,7 +64,8 @@ class WaitSetExecutor:
         Args:
             node: the node to serve; its entities may change at any time.
             hot: subscriptions to look at first.
-            on_quiet: called whenever the hot entities have had nothing for 2 ms of wall time.
+            on_quiet: called whenever the hot entities, if there are any, have had nothing for 2 ms
+                of wall time.
             hot_timers: timers to look at together with the hot subscriptions.
             stop: ends `spin` when set, from a signal handler or a callback.
         """
@@ -125,7 +126,12 @@ class WaitSetExecutor:
 
     def spin_once(self) -> None:
         """Serve what is there, or wait a little for it."""
-        if not (self._hot or self._hot_timers) or self._quiet_waits > _IDLE_AFTER:
+        if not (self._hot or self._hot_timers):
+            self._look_whether_to_end()
+            self._look_at_rest().wait(_POLL_NS)
+            self._serve_hot()
+            return
+        if self._quiet_waits > _IDLE_AFTER:
             self._look_at_rest().wait(_POLL_NS)
             self._quiet_waits = 0
         self._serve_hot_or_wait()
@@ -143,9 +149,12 @@ class WaitSetExecutor:
         while not done():
             self._serve_hot_or_wait()
 
-    def _serve_hot_or_wait(self) -> None:
+    def _look_whether_to_end(self) -> None:
         if self._stop.is_set() or not self._context.ok():
             raise ExternalShutdownException()
+
+    def _serve_hot_or_wait(self) -> None:
+        self._look_whether_to_end()
         if self._serve_hot():
             self._quiet_waits = 0
         elif self._hot_wait_set is None:
