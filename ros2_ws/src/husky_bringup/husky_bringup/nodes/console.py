@@ -112,7 +112,11 @@ class Console(OneClock, Node):
                 take = partial(self._take, row.relative, message_class(row.type))
                 enter = self._guard.guarded(take, topic.name, bytes, raw=True)
                 depth = 1 if row.rate > self._rate else _DEPTH
-                subscription = RawSubscription(self, topic, qos.PROFILES[row.qos], depth)
+                # Where the next message replaces one that is lost, none need be acknowledged: that
+                # is work for who publishes it.
+                follows = depth == 1 or row.relative == graph.TF
+                offered = qos.CONTROL if follows else qos.PROFILES[row.qos]
+                subscription = RawSubscription(self, topic, offered, depth)
                 self._sources.append(_Source(subscription, enter))
 
     def _leave(self) -> None:

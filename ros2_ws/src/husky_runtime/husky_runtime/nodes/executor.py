@@ -128,11 +128,15 @@ class WaitSetExecutor:
         """Serve what is there, or wait a little for it."""
         if not (self._hot or self._hot_timers):
             self._look_whether_to_end()
-            self._look_at_rest().wait(_POLL_NS)
-            self._serve_hot()
+            rest = self._look_at_rest()
+            rest.wait(_POLL_NS)
+            self._serve_hot()  # a wire may carry an emergency stop
+            rest.serve()
             return
         if self._quiet_waits > _IDLE_AFTER:
-            self._look_at_rest().wait(_POLL_NS)
+            rest = self._look_at_rest()
+            rest.wait(_POLL_NS)
+            rest.serve()
             self._quiet_waits = 0
         self._serve_hot_or_wait()
         if self._served >= _REST_EVERY or self._quiet_waits > 0:
@@ -319,7 +323,7 @@ class _Rest:
         return True
 
     def wait(self, timeout_ns: int) -> None:
-        """Wait for anything, hot or not, then serve what is not hot."""
+        """Wait for anything, hot or not; what waitables have is handled at once."""
         wait_set = self._wait_set
         wait_set.clear_entities()
         for subscription in self._awaited:
@@ -337,7 +341,6 @@ class _Rest:
         wait_set.wait(0 if self._desk.busy else timeout_ns)
         for waitable in [w for w in self._waitables if w.is_ready(wait_set)]:
             self._desk.guard.run("action", partial(_execute, waitable))
-        self.serve()
 
     def serve(self) -> None:
         """Serve what is there without waiting: all messages, and one request of each service."""
