@@ -125,7 +125,7 @@ class Bench:
         """Draw until something is true."""
 
         def look() -> bool:
-            self.panel.draw()
+            self.panel.draw(0.0)
             return true()
 
         until(look)
@@ -134,7 +134,7 @@ class Bench:
         """Draw until nothing is under way."""
         worker = self.panel._worker
         self.until(lambda: not (worker._waiting or worker._under_way or self.panel._stale))
-        self.panel.draw()
+        self.panel.draw(0.0)
 
     def give(self, handle: Any, value: Any) -> None:
         """Send a value as a browser does."""

@@ -136,6 +136,24 @@ def test_a_node_that_has_gone_and_comes_back(bench: Bench) -> None:
     bench.until(lambda: len(bench.panel._inputs) == len(WALKER))
 
 
+def test_nodes_that_come_later_are_found_unasked(bench: Bench) -> None:
+    """And the chosen one, once it is back; one that is there is asked nothing again."""
+    bench.source.found["/other"] = {"x": parameter("x", 1.0)}
+    gone = bench.source.found.pop("/walker")
+    bench.panel.draw(10.0)
+    bench.until(lambda: bench.state() == "/walker has gone")
+    assert set(bench.panel._chooser.options) == {"/other", "/walker"}
+    bench.source.found["/walker"] = gone
+    bench.panel.draw(14.9)
+    bench.panel.draw(20.0)
+    bench.until(lambda: len(bench.panel._inputs) == len(WALKER))
+    bench.source.has("/walker", "free", 9.5)
+    bench.source.found["/third"] = {}
+    bench.panel.draw(30.0)
+    bench.until(lambda: "/third" in bench.panel._chooser.options)
+    assert bench.shown("free") == 2.5
+
+
 def test_a_node_that_does_not_answer(bench: Bench) -> None:
     bench.source.mute = {"/walker"}
     assert bench.change_and_hear("free", 1.0) == "/walker.free: /walker is silent"
@@ -161,7 +179,7 @@ def test_nothing_is_asked_in_the_thread_that_draws_or_before_it_draws(
     assert source.threads == {"worker"}
     bench.panel.close()
     until(lambda: not bench.panel._worker._thread.is_alive())
-    bench.panel.draw()
+    bench.panel.draw(0.0)
 
 
 # What is set ----------------------------------------------------------------------------------
@@ -217,14 +235,14 @@ def test_of_a_slider_that_is_dragged_the_first_and_the_newest_value_are_set(benc
     bench.change(HEIGHT, 0.2)
     until(lambda: bench.source.written != [])
     bench.panel.take_event(event("/walker", gait__trot__height=0.15))
-    bench.panel.draw()
+    bench.panel.draw(0.0)
     assert bench.shown(HEIGHT) == 0.2
     for value in (0.21, 0.22, 0.23, 0.24, 0.25):
         bench.change(HEIGHT, value)
     bench.until(lambda: bench.shown(HEIGHT) == 0.25)
     bench.source.has("/walker", HEIGHT, 0.55)
     bench.panel.take_event(event("/walker", gait__trot__height=0.55))
-    bench.panel.draw()
+    bench.panel.draw(0.0)
     assert bench.shown(HEIGHT) == 0.25, "it stays under the mouse"
     bench.source.may_write.set()
     bench.settle()
@@ -242,7 +260,7 @@ def test_an_answer_that_is_older_than_what_a_browser_sends_is_not_shown(bench: B
     bench.until(lambda: bench.panel._is_busy(HEIGHT))
     bench.source.may_describe.set()
     until(lambda: bench.source.written != [])
-    bench.panel.draw()
+    bench.panel.draw(0.0)
     assert bench.shown(HEIGHT) == 0.2
     bench.source.may_write.set()
     bench.settle()
@@ -267,10 +285,10 @@ def test_writes_of_other_parameters_wait_their_turn(bench: Bench) -> None:
 def test_a_change_elsewhere_is_shown(bench: Bench) -> None:
     bench.source.has("/walker", "free", 7.5)
     bench.panel.take_event(event("/other", free=3.5))
-    bench.panel.draw()
+    bench.panel.draw(0.0)
     assert bench.shown("free") == 2.5
     bench.panel.take_event(event("/walker", free=7.5))
-    bench.panel.draw()
+    bench.panel.draw(0.0)
     assert bench.shown("free") == 7.5 and bench.source.written == []
     bench.give(bench.panel._names, "f*")
     bench.until(lambda: list(bench.panel._inputs) == ["free", "frame"])
@@ -290,7 +308,7 @@ def test_a_change_after_the_node_has_been_read_is_shown(
     bench.until(lambda: bench.source.described > before)
     bench.source.has("/walker", "free", 7.5)
     bench.panel.take_event(event("/walker", free=7.5))
-    bench.panel.draw()
+    bench.panel.draw(0.0)
     bench.source.may_describe.set()
     bench.settle()
     assert bench.shown("free") == 7.5
@@ -302,7 +320,7 @@ def test_a_word_that_is_none_of_those_allowed_is_shown_all_the_same(bench: Bench
         type=ParameterType.PARAMETER_STRING, string_value="odd"
     )
     bench.panel.take_event(told)
-    bench.panel.draw()
+    bench.panel.draw(0.0)
     assert bench.shown("sensing") == "odd"
     assert bench.panel._inputs["sensing"]._handle.options == ("ideal", "noisy", "odd")
 
@@ -337,7 +355,7 @@ def test_an_event_that_makes_no_sense(bench: Bench) -> None:
         bench.settle()
     bench.source.has("/walker", HEIGHT, 0.3)
     bench.panel.take_event(event("/walker", gait__trot__height=0.3))
-    bench.panel.draw()
+    bench.panel.draw(0.0)
     assert bench.shown(HEIGHT) == 0.3
 
 
@@ -372,7 +390,7 @@ def test_nonsense_brings_nothing_down(bench: Bench) -> None:
     for value in NONSENSE:
         bench.give(bench.panel._chooser, value)
         bench.give(bench.panel._names, value)
-        bench.panel.draw()
+        bench.panel.draw(0.0)
     bench.say(type="GuiFormSubmitMessage", uuid="nobody")
     bench.give(bench.panel._chooser, "/nowhere")
     bench.until(lambda: "/nowhere" in bench.outcome())

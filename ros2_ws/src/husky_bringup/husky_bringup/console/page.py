@@ -118,7 +118,7 @@ class Page:
             for plot in self._plots.values():
                 plot.draw()
             if self._parameters is not None:
-                self._parameters.draw()
+                self._parameters.draw(wall_time)
 
     def _silence(self, wall_time: float) -> str:
         """Return the words for a robot that has said nothing for a while."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
@@ -19,6 +20,8 @@ from husky_bringup.node_parameter import NodeParameter, to_python
 
 _MOST = 100
 """Inputs that are shown."""
+_LOOK_PERIOD = 5.0
+"""Wall time between two looks for nodes [s]."""
 _LONGEST_PATTERN = 200
 _LONGEST_LINE = 500
 """Characters of what a node says."""
@@ -61,7 +64,7 @@ class ParameterPanel:
         )
         self._state, self._outcome = gui.add_html(""), gui.add_html("")
         self._place = gui.add_folder(None)
-        self._begun, self._stale = False, False
+        self._looked, self._stale = -math.inf, False
         self._node, self._pattern, self._words = _NO_NODE, "*", "no nodes yet"
         self._known: dict[str, NodeParameter] = {}
         self._told: dict[str, Any] = {}
@@ -83,11 +86,11 @@ class ParameterPanel:
             except RuntimeError:  # of a type that there is not
                 self._stale = True
 
-    def draw(self) -> None:
-        """Bring the page up to date."""
-        if not self._begun:
-            self._begun = True
-            self._look()
+    def draw(self, now: float) -> None:
+        """Bring the page up to a wall time [s]."""
+        if now >= self._looked + _LOOK_PERIOD and not self._worker.is_busy(_NODES):
+            self._looked = now
+            self._look(again=False)
         self._worker.hand_over()
         self._choose()
         for name in [name for name in self._told if not self._is_busy(name)]:
@@ -108,10 +111,12 @@ class ParameterPanel:
     async def _on_look(self, _: object) -> None:
         self._look()
 
-    def _look(self) -> None:
-        self._worker.ask(_NODES, self._source.nodes, self._take_nodes, self._say)
+    def _look(self, *, again: bool = True) -> None:
+        """Look for nodes, and at the values of the chosen one again if wanted."""
+        take = partial(self._take_nodes, again=again)
+        self._worker.ask(_NODES, self._source.nodes, take, self._say)
 
-    def _take_nodes(self, found: Sequence[str]) -> None:
+    def _take_nodes(self, found: Sequence[str], *, again: bool) -> None:
         """Offer the nodes that there are, and the chosen one even if it has gone."""
         gone = self._node not in found and self._node != _NO_NODE
         options = (*found, self._node) if gone else tuple(found) or (_NO_NODE,)
@@ -119,7 +124,7 @@ class ParameterPanel:
             self._chooser.options = options  # keeps its choice while that is one
         if gone:
             self._forget(f"{self._node} has gone")
-        elif self._node != _NO_NODE:
+        elif (again or not self._known) and self._node != _NO_NODE:
             self._ask_parameters()
 
     def _choose(self) -> None:

@@ -106,8 +106,8 @@ def picture(names: tuple[str, ...], points: Array) -> str:
         for t in _multiples(begin + 0.5, times[-1] - 0.5, _TIMES)
     ]
     return (
-        f'<svg viewBox="0 0 {_WIDTH} {_HEIGHT}" style="width:100%;font-size:10px" '
-        f'fill="currentColor">{"".join(labels)}<g transform="translate({_LEFT}) '
+        f'<svg viewBox="0 0 {_WIDTH} {_HEIGHT}" style="width:100%;font-size:10px;'
+        f'overflow:visible" fill="currentColor">{"".join(labels)}<g transform="translate({_LEFT}) '
         f'scale({1 / _FINE})" fill="none" stroke-width="{1.3 * _FINE}">{"".join(curves)}</g></svg>'
         f"{_legend(names, values[-1], colours)}"
     )
