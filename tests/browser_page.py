@@ -10,13 +10,16 @@ import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from PIL import Image
-from playwright.sync_api import Browser, ConsoleMessage, Locator, TimeoutError, sync_playwright
 from scipy import ndimage
 
 from husky_description.arrays import Array
+
+if TYPE_CHECKING:  # its import takes a second of each worker of a test run, whatever is run
+    from playwright.sync_api import Browser, ConsoleMessage, Locator
 
 VARIABLE = "HUSKY_CHROMIUM"
 """Of the environment: which Chromium to use."""
@@ -37,6 +40,8 @@ _LET_GO = 1e3
 """For which he lets it go [ms]."""
 _KEEPING_UP = 0.8
 """How late a word of the page may be before the world waits for it [s of wall time]."""
+_REDRAWING = 500.0
+"""Wall time in which the page is drawn at another size [ms]."""
 _DARK = 90
 """A channel of the robot's pixels, at most; ground and sky are lighter."""
 _GAP = 2
@@ -56,6 +61,8 @@ def chromium() -> Iterator[Browser]:
     Raises:
         NoChromium: with words on what to install.
     """
+    from playwright.sync_api import sync_playwright
+
     with sync_playwright() as driver:
         found = (shutil.which(name) for name in _NAMES)
         program = os.environ.get(VARIABLE) or next(filter(None, found), None)
@@ -145,6 +152,8 @@ class BrowserPage:
             What the simulation goes on with while the stick is held: it lets the page keep up with
             the world, and takes the stick anew when its words were too late all the same.
         """
+        from playwright.sync_api import TimeoutError
+
         mouse = self.page.mouse
 
         def hold() -> None:
@@ -240,6 +249,30 @@ class BrowserPage:
         """Return how a part of the page looks (rows, columns, 3)."""
         self._close_notice()
         return _pixels(what.screenshot())
+
+    def look_closer(self, right: float, down: float, nearer: int) -> None:
+        """Turn the picture by the mouse [pixels], and go nearer [notches of its wheel]."""
+        mouse, box = self.page.mouse, self.view.locator("canvas").first.bounding_box()
+        assert box is not None
+        x, y = box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"]
+        mouse.move(x, y)
+        mouse.down()
+        mouse.move(x + right, y + down, steps=4)
+        mouse.up()
+        for _ in range(nearer):
+            mouse.wheel(0, -100)
+
+    def save(self, file: Path, size: tuple[int, int], *, panel: bool = False) -> None:
+        """Save how the page looks at a size [pixels], or its panel beside the robot."""
+        self._close_notice()
+        self.page.set_viewport_size({"width": size[0], "height": size[1]})
+        self.page.wait_for_timeout(_REDRAWING)
+        image = Image.open(io.BytesIO(self.page.screenshot())).convert("RGB")
+        robot = self.view.locator("canvas").first.bounding_box()
+        assert robot is not None
+        if panel:
+            image = image.crop((round(robot["width"]), 0, image.width, round(robot["height"])))
+        image.save(file, optimize=True)
 
     def _hear(self, message: ConsoleMessage) -> None:
         if message.type == "error":

@@ -10,6 +10,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 STAND_IN = ROOT / "scripts/ros2/bin/ros2"
+_HUNG = 180.0
+"""Wall time after which a command will not end any more [s]."""
 
 
 def ros2_environment() -> dict[str, str]:
@@ -37,7 +39,7 @@ class Ros2:
             env={**ros2_environment(), **env},
             capture_output=True,
             text=True,
-            timeout=60.0,
+            timeout=_HUNG,
             check=False,
         )
 

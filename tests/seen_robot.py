@@ -228,7 +228,10 @@ class Robot:
                 self.session.advance(0.02)
             return self.mode == mode
 
-        self.session.wait_for(reported, f"the mode {mode}")
+        try:
+            self.session.wait_for(reported, f"the mode {mode}")
+        except SessionError as error:
+            raise SessionError(f"{error}; {self.seen}") from error
 
     def reported(self, node: str, *texts: str) -> DiagnosticStatus:
         """Wait until a node says one of these on /diagnostics; the world stands still meanwhile."""

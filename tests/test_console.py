@@ -122,6 +122,7 @@ def test_fifty_pages_are_served_or_refused(console: ConsoleBench) -> None:
     console.is_served()
 
 
+@pytest.mark.slow
 def test_pages_that_do_not_read_hold_up_nobody(console: ConsoleBench) -> None:
     """They show where the robot is once they read again."""
     stalled = [console.client() for _ in range(6)]
@@ -191,7 +192,9 @@ def test_pages_of_somebody_else_stay_outside(console: ConsoleBench) -> None:
         console.client(origin="https://example.org")
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize(
+    "number", [signal.SIGTERM, pytest.param(signal.SIGINT, marks=pytest.mark.slow)]
+)
 def test_it_ends_while_somebody_looks(console: ConsoleBench, number: int) -> None:
     client = console.client()
     console.shows(client, 0.5)
@@ -199,10 +202,12 @@ def test_it_ends_while_somebody_looks(console: ConsoleBench, number: int) -> Non
     client.join()
 
 
+@pytest.mark.slow
 def test_pages_that_may_connect_are_named(console: ConsoleBench) -> None:
     console.serve(origins=["https://lab.example.org"])
     console.shows(console.client(origin="https://lab.example.org"), 0.5)
 
 
+@pytest.mark.slow
 def test_a_parameter_that_may_not_be_is_named() -> None:
     assert_refused(MODULE, "rate", rate=0.0)

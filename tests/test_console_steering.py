@@ -336,6 +336,7 @@ def test_the_end_of_the_console_stops_the_robot(console: SteeredBench) -> None:
     console.wait(lambda: console.robot.velocities[-1] == ZERO, "zero")
 
 
+@pytest.mark.slow
 def test_a_token_is_asked_for_where_others_get_to(console: SteeredBench) -> None:
     console.serve(host="0.0.0.0", token="open-sesame")
     console.address = f"http://127.0.0.1:{console.address.rpartition(':')[2]}"

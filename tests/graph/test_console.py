@@ -81,6 +81,7 @@ def test_an_operator_stands_the_robot_up_walks_and_is_lost(
     robot.until(lambda: robot.mode == "stand", "stand", within=4.0)
 
 
+@pytest.mark.slow
 def test_a_robot_that_walks(trotting: Any, page: PageClient) -> None:
     """Its links from the description, where it goes, forces, ground, plots, words, reports."""
 
@@ -105,6 +106,7 @@ def test_a_robot_that_walks(trotting: Any, page: PageClient) -> None:
     assert ["roll", "pitch"] in curves()
 
 
+@pytest.mark.slow
 def test_a_parameter_is_set_by_the_page(trotting: Any, console: ServedBench) -> None:
     """Who looks on another page sees it too; what is out of range is refused with the range."""
     page, other = PageClient(console.address + VIEW), PageClient(console.address + VIEW)

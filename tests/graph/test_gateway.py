@@ -37,6 +37,7 @@ def gateway(domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[G
     gateway.close()
 
 
+@pytest.mark.slow
 def test_a_client_that_is_lost_drives_no_longer(standing: Any, gateway: Gateway) -> None:
     client = gateway.client(EMERGENCY_STOP)
     gateway.set(client, WAKES, True)

@@ -16,6 +16,8 @@ _SPEED = 0.25
 """Of the stick at full deflection: half of the fastest, as long as nobody changes that [m/s]."""
 _WAY = 0.5
 """For which the robot walks [m]."""
+_GREEN, _RED = "#2b8a3e", "#c92a2a"
+"""Of a level, where all is well and where nothing is."""
 
 
 def test_it_stands_up_by_its_button(robot: Any, page: Any, shown: Any) -> None:
@@ -99,6 +101,24 @@ def test_a_parameter_on_its_tab(standing: Any, page: Any, shown: Any) -> None:
         shown(standing, lambda v=value: has() == pytest.approx(v), "the value")
         said = page.view.get_by_text(f"{node}.{name} = {value:.2f}")
         shown(standing, lambda s=said: s.count() == 1, "the word of it")
+
+
+def test_reports_in_colour(robot: Any, page: Any, shown: Any) -> None:
+    """A node is green while all is well, red when it has lost its device."""
+    page.turn_to("Diagnostics")
+    name = page.view.get_by_text(graph.VN200_DRIVER, exact=True)
+    row = page.view.locator("tr").filter(has=name)
+
+    def is_of(colour: str, words: str) -> bool:
+        if row.count() != 1 or words not in row.text_content():
+            return False
+        return share_of(colour, page.look(row.locator("td").first)) > 0.01
+
+    shown(robot, lambda: is_of(_GREEN, "streaming"), "green")
+    robot.session.inject(graph.PLANT_INJECT_FAULT, "imu", "unplug")
+    shown(robot, lambda: is_of(_RED, "no port"), "red")
+    robot.session.inject(graph.PLANT_INJECT_FAULT, "imu", "")
+    shown(robot, lambda: is_of(_GREEN, "streaming"), "green again")
 
 
 def test_curves(trotting: Any, page: Any, shown: Any) -> None:
