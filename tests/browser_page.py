@@ -240,6 +240,10 @@ class BrowserPage:
         root = 'xpath=ancestor::div[contains(@class, "mantine-Flex-root")][1]'
         return self.view.locator("label").filter(has_text=words).locator(root)
 
+    def plots(self) -> Locator:
+        """Return the plots in which there is a curve."""
+        return self.view.locator("svg").filter(has=self.view.locator("g path[stroke]"))
+
     # Its look ---------------------------------------------------------------------------------
     def robot(self) -> Silhouette:
         """Return where the robot is in the picture."""

@@ -129,19 +129,14 @@ def free_run(directory: Path, *, with_unit: bool = False) -> Iterator[Session]:
     """A trotting robot whose world is not paused, and which wants a command every 0.5 s."""
     body = "robot_with_unit" if with_unit else "robot"
     with Session(directory, {graph.PLANT: {"body": body}}, record=False) as session:
-        trot(session, with_unit=with_unit)
+        stand_up(session)
+        if with_unit:
+            ready_fans(session)
+            assist(session, 0.4)
+        session.set_gait("trot")
+        walk(session, 2.0, (0.4, 0.0, 0.0))
         session.pause(False)
         yield session
-
-
-def trot(session: Session, *, with_unit: bool = False) -> None:
-    """Let the robot stand up and trot."""
-    stand_up(session)
-    if with_unit:
-        ready_fans(session)
-        assist(session, 0.4)
-    session.set_gait("trot")
-    walk(session, 2.0, (0.4, 0.0, 0.0))
 
 
 class Probe:

@@ -124,7 +124,7 @@ def test_reports_in_colour(robot: Any, page: Any, shown: Any) -> None:
 def test_curves(trotting: Any, page: Any, shown: Any) -> None:
     """They are drawn, in the colours of their legend."""
     page.turn_to("Plots")
-    plots = page.view.locator("svg").filter(has=page.view.locator("g path[stroke]"))
+    plots = page.plots()
     shown(trotting, lambda: plots.count() >= 5, "the plots")
     attitude = plots.first.locator("g path")
     of = "(all, name) => all.map((each) => each.getAttribute(name))"

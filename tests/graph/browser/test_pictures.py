@@ -66,7 +66,6 @@ def test_carbon_walks_by_the_stick(standing: Any, page: Any, shown: Any, save: A
 
 def test_curves(trotting: Any, page: Any, shown: Any, save: Any) -> None:
     page.turn_to("Plots")
-    plots = page.view.locator("svg").filter(has=page.view.locator("g path[stroke]"))
-    shown(trotting, lambda: plots.count() >= 5, "the plots")
+    shown(trotting, lambda: page.plots().count() >= 5, "the plots")
     trotting.session.advance(10.0)
     save(trotting, "console_plots", _TALL, panel=True)

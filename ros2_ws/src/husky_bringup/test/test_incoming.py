@@ -13,7 +13,8 @@ from rclpy.serialization import serialize_message
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker, MarkerArray
 
-from husky_bringup.nodes.incoming import decode, decode_shown
+from husky_bringup.nodes.incoming import decode
+from husky_bringup.nodes.shown import decode_shown
 from husky_runtime import graph
 
 

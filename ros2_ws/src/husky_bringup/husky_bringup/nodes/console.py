@@ -22,11 +22,11 @@ from husky_bringup.console import page
 from husky_bringup.console.operator_server import VIEW
 from husky_bringup.console.server import PORT, PageServer
 from husky_bringup.definitions import message_class
-from husky_bringup.nodes.incoming import decode_shown
 from husky_bringup.nodes.open_gate import open_gate
 from husky_bringup.nodes.raw_subscription import RawSubscription
 from husky_bringup.nodes.remote_parameters import RemoteParameters
 from husky_bringup.nodes.service_calls import ServiceCalls
+from husky_bringup.nodes.shown import decode_shown
 from husky_bringup.nodes.steering import SOURCES, Steering
 from husky_runtime import graph
 from husky_runtime.nodes import diagnostics, qos

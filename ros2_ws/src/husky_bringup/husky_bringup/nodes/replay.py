@@ -17,7 +17,7 @@ from husky_bringup.console.player import Player
 from husky_bringup.console.record import Record
 from husky_bringup.console.server import PORT, PageServer
 from husky_bringup.definitions import message_class
-from husky_bringup.nodes.incoming import decode_shown
+from husky_bringup.nodes.shown import decode_shown
 from husky_bringup.web_gate import WebGate
 from husky_runtime import graph
 

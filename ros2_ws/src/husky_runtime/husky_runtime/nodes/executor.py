@@ -64,8 +64,7 @@ class WaitSetExecutor:
         Args:
             node: the node to serve; its entities may change at any time.
             hot: subscriptions to look at first.
-            on_quiet: called whenever the hot entities, if there are any, have had nothing for 2 ms
-                of wall time.
+            on_quiet: called whenever hot entities have had nothing for 2 ms of wall time.
             hot_timers: timers to look at together with the hot subscriptions.
             stop: ends `spin` when set, from a signal handler or a callback.
         """
@@ -128,15 +127,13 @@ class WaitSetExecutor:
         """Serve what is there, or wait a little for it."""
         if not (self._hot or self._hot_timers):
             self._look_whether_to_end()
-            rest = self._look_at_rest()
-            rest.wait(_POLL_NS)
+            self._look_at_rest().wait(_POLL_NS)
             self._serve_hot()  # a wire may carry an emergency stop
-            rest.serve()
+            self._look_at_rest().serve()
             return
         if self._quiet_waits > _IDLE_AFTER:
-            rest = self._look_at_rest()
-            rest.wait(_POLL_NS)
-            rest.serve()
+            self._look_at_rest().wait(_POLL_NS)
+            self._look_at_rest().serve()
             self._quiet_waits = 0
         self._serve_hot_or_wait()
         if self._served >= _REST_EVERY or self._quiet_waits > 0:
@@ -350,7 +347,8 @@ class _Rest:
             self._desk.serve(service)
         self._desk.send_again()
         for client in self._clients:
-            header, response = client.handle.take_response(_response_type(client))
+            kind: Any = client.srv_type
+            header, response = client.handle.take_response(kind.Response)
             if header is not None:
                 with contextlib.suppress(KeyError):
                     sequence = header.request_id.sequence_number
@@ -385,10 +383,6 @@ def executor_of(node: Node) -> WaitSetExecutor | None:
     executor: Any = node.executor
     assert executor is None or isinstance(executor, WaitSetExecutor)
     return executor
-
-
-def _response_type(client: Any) -> Any:
-    return client.srv_type.Response
 
 
 def _execute(waitable: Any) -> None:
