@@ -13,6 +13,7 @@ from husky_drivers.vn200.binary import IMU_LAYOUT
 from husky_drivers.vn200.protocol import BAUDS, crc16
 from husky_drivers.vn200.stream import StreamParser
 from husky_runtime.ports.pty_port import PtyPort, receive
+from husky_runtime.ports.serial_line import open_serial
 
 ALL_BYTES = bytes(range(256))
 
@@ -21,6 +22,26 @@ ALL_BYTES = bytes(range(256))
 def port(tmp_path):
     with PtyPort(tmp_path / "dev" / "imu") as port:
         yield port
+
+
+@pytest.fixture
+def terminal():
+    """A terminal of somebody else's."""
+    master, slave = os.openpty()
+    yield slave
+    os.close(slave)
+    os.close(master)
+
+
+def left_behind(path):
+    """Return the path, of a port whose process has been killed."""
+    child = os.fork()
+    if child == 0:
+        PtyPort(path)
+        os._exit(0)  # no clean-up
+    os.waitpid(child, 0)
+    assert path.is_symlink()
+    return path
 
 
 def open_host(port, baud=921600):
@@ -115,16 +136,30 @@ def test_a_live_path_is_not_stolen_and_a_stale_one_is_replaced(tmp_path):
 
 
 def test_the_port_of_a_killed_process_is_replaced(tmp_path):
-    path = tmp_path / "imu"
-    child = os.fork()
-    if child == 0:
-        PtyPort(path)
-        os._exit(0)  # no clean-up
-    os.waitpid(child, 0)
-    assert path.is_symlink()
+    path = left_behind(tmp_path / "imu")
     with PtyPort(path) as port, open_host(port) as host:
         port.write(b"mine", 921600)
         assert host_read(host, 4) == b"mine"
+
+
+def test_what_a_killed_process_has_left_is_not_opened(tmp_path, terminal):
+    """The number of its pseudo-terminal has been given to somebody else."""
+    path = left_behind(tmp_path / "imu")
+    path.unlink()
+    path.symlink_to(os.ttyname(terminal))
+    with pytest.raises(FileNotFoundError, match="left behind by a process that has died"):
+        open_serial(str(path), 921600)
+    with PtyPort(path) as port:
+        open_serial(str(path), 921600).close()
+        port.unplug()
+        with pytest.raises(OSError, match="No such file"):
+            open_serial(str(path), 921600)
+
+
+def test_a_link_of_ones_own_is_opened(tmp_path, terminal):
+    path = tmp_path / "imu"
+    path.symlink_to(os.ttyname(terminal))
+    open_serial(str(path), 921600).close()
 
 
 def test_a_real_file_is_never_replaced(tmp_path):

@@ -15,12 +15,11 @@ from __future__ import annotations
 import errno
 import fcntl
 import os
-import struct
 import time
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from husky_runtime import graph
+from husky_runtime import graph, record_lock
 
 VARIABLE = "HUSKY_LOCKS"
 """Environment variable that names another directory for the locks, of a robot apart."""
@@ -30,8 +29,6 @@ _PATIENCE = 1.0
 """Wall time that a node of before gets to be gone [s]: a killed one takes a moment."""
 _ORPHANS_PATIENCE = 3.0
 """The same for nodes whose starter is gone, and which end by themselves [s]."""
-_RECORD = "hhqqi"
-"""`struct flock` of Linux: type, whence, start, length, process."""
 _LARGEST_DOMAIN = 232
 """Beyond it DDS has no ports left (RTPS 2.2, 9.6.1.1)."""
 
@@ -95,13 +92,9 @@ def holder(
     except FileNotFoundError:
         return None
     try:
-        asked = struct.pack(_RECORD, fcntl.F_WRLCK, os.SEEK_SET, 0, 0, 0)
-        kind, _, _, _, process = struct.unpack(
-            _RECORD, fcntl.fcntl(descriptor, fcntl.F_GETLK, asked)
-        )
+        return record_lock.owner(descriptor)
     finally:
         os.close(descriptor)
-    return None if kind == fcntl.F_UNLCK else max(0, process)
 
 
 class Claims:

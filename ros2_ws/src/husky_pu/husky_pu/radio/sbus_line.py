@@ -9,6 +9,7 @@ import termios
 import serial
 
 from husky_pu.radio.sbus import BAUD
+from husky_runtime.ports.port_lock import check_served
 from husky_runtime.ports.serial_line import SerialPort
 
 _RETRY_PERIOD = 0.1
@@ -22,9 +23,10 @@ def open_sbus(path: str) -> SerialPort:
     is an error.
 
     Raises:
-        OSError: no such port, no permission, taken by another process.
+        OSError: no such port, no permission, taken by another process, its server is dead.
         ValueError: the port cannot do it.
     """
+    check_served(path)
     is_pty = os.path.realpath(path).startswith("/dev/pts/")
     port: SerialPort = serial.Serial(
         path,

@@ -11,6 +11,8 @@ import tty
 from pathlib import Path
 from typing import Protocol
 
+from husky_runtime.ports import port_lock
+
 _TCGETS2 = 0x802C542A
 """ioctl that returns `struct termios2`, whose last two words are the speeds in plain numbers."""
 _SPEED_OFFSET = 36
@@ -61,8 +63,7 @@ class PtyPort:
         self._slave_name = ""
         self._speeds = bytearray(44)
         self.path.parent.mkdir(parents=True, exist_ok=True)
-        self._lock_path = self.path.with_name(self.path.name + ".lock")
-        self._lock = _lock(self._lock_path)
+        self._lock = port_lock.lock(self.path)
         try:
             self.replug()
         except BaseException:
@@ -159,7 +160,7 @@ class PtyPort:
 
     def _unlock(self) -> None:
         if self._lock >= 0:
-            self._lock_path.unlink(missing_ok=True)
+            port_lock.path_of_lock(self.path).unlink(missing_ok=True)
             os.close(self._lock)
             self._lock = -1
 
@@ -168,27 +169,6 @@ class PtyPort:
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-
-def _lock(path: Path) -> int:
-    """Return the descriptor of a lock file that is held as long as it is open.
-
-    Raises:
-        FileExistsError: another process holds it.
-    """
-    while True:
-        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            os.close(descriptor)
-            raise FileExistsError(f"{path} is held: another process serves this port") from error
-        try:
-            if os.stat(path).st_ino == os.fstat(descriptor).st_ino:
-                return descriptor
-        except FileNotFoundError:
-            pass  # Its owner has just removed it: make another.
-        os.close(descriptor)
 
 
 def receive(data: bytes, transmit_baud: int, receive_baud: int) -> bytes:

@@ -9,6 +9,8 @@ from typing import Protocol
 
 import serial
 
+from husky_runtime.ports.port_lock import check_served
+
 _READ_SIZE = 4096
 
 
@@ -30,9 +32,10 @@ def open_serial(path: str, baud: int) -> SerialPort:
     Reading and writing its descriptor never waits.
 
     Raises:
-        OSError: no such port, no permission, taken by another process.
+        OSError: no such port, no permission, taken by another process, its server is dead.
         ValueError: the port cannot do that rate.
     """
+    check_served(path)
     port = serial.Serial(path, baud, timeout=0.0, exclusive=True)
     with contextlib.suppress(ValueError, OSError, NotImplementedError):
         port.set_low_latency_mode(True)
