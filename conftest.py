@@ -18,6 +18,10 @@ settings.register_profile("patient", settings(), deadline=None)
 settings.load_profile("patient")
 
 
+_ended_by: list[int] = []
+"""Signals that have ended this run."""
+
+
 def pytest_configure(config: pytest.Config) -> None:
     """Let signals end the run by its fixtures' ends, with one line and exit code 128 + n.
 
@@ -34,10 +38,19 @@ def pytest_configure(config: pytest.Config) -> None:
 
     def end(number: int, frame: object) -> None:
         starter.asked_to_end.append(number)
-        pytest.exit(f"ended by {signal.Signals(number).name}", returncode=128 + number)
+        _ended_by.append(number)
+        pytest.exit(f"ended by {signal.Signals(number).name}")
 
     for number in starter.ending_signals():
         signal.signal(number, end)
+
+
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_sessionfinish(session: pytest.Session) -> Iterator[None]:
+    """Give a run that a signal ends its exit code once it has told what had failed until then."""
+    yield
+    if _ended_by:
+        session.exitstatus = 128 + _ended_by[-1]
 
 
 @pytest.hookimpl(tryfirst=True)
