@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
 import math
 import re
 import signal
@@ -18,6 +20,7 @@ from page_client import PageClient
 from rclpy.serialization import serialize_message
 from replay_bench import BEGIN, LENGTH, MODES, pose, read, stamp
 from tf2_msgs.msg import TFMessage
+from viser._messages import GuiUpdateMessage
 
 from husky_bringup.console.__main__ import command
 from husky_bringup.console.page import Page
@@ -54,7 +57,7 @@ class Seen(Player):
 def play(server: PageServer) -> Callable[[Record], Seen]:
     server.scene.reset()
     server.gui.reset()
-    return lambda record: Seen(server.gui, Page(server, ""), record, decode)
+    return lambda record: Seen(server, Page(server, ""), record, decode)
 
 
 def expected(seconds: float) -> dict[str, Any]:
@@ -122,6 +125,46 @@ def test_while_the_slider_is_moved_the_time_stands_there(play: Any, record: Reco
         assert player.time == BEGIN + moved
     player.turn(1.9)
     assert player.time > BEGIN + 9.0
+
+
+class MovedMeanwhile:
+    """A slider that a browser moves to 12 s just before the player moves it."""
+
+    def __init__(self, server: PageServer, slider: Any):
+        self._server, self._slider = server, slider
+
+    @property
+    def value(self) -> Any:
+        return self._slider.value
+
+    @value.setter
+    def value(self, value: float) -> None:
+        message = GuiUpdateMessage(self._slider._impl.uuid, {"value": 12.0})
+        taken = self._server._take_value(0, message)
+        self.told = asyncio.run_coroutine_threadsafe(taken, self._server.get_event_loop())
+        with contextlib.suppress(TimeoutError):
+            self.told.result(0.3)
+        self._slider.value = value
+
+
+@pytest.mark.parametrize("plays", [True, False])
+def test_where_a_browser_moves_the_slider_is_not_lost(
+    play: Any, record: Record, server: PageServer, plays: bool
+) -> None:
+    """It comes while the slider follows the time, or is put where there is something."""
+    player = play(record)
+    if plays:
+        player._press()
+    else:
+        player._slider.value = -5.0
+    slider = player._slider
+    player._slider = moved = MovedMeanwhile(server, slider)
+    for _ in range(6):
+        player.turn(0.1)
+    player._slider = slider
+    moved.told.result()
+    player.turn(0.2)
+    assert player.time == BEGIN + 12.0
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -5.0, 1e300])

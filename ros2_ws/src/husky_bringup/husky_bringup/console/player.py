@@ -8,11 +8,10 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from viser import GuiApi
-
 from husky_bringup.console.page import Page
 from husky_bringup.console.panels import table
 from husky_bringup.console.record import Record, Recorded
+from husky_bringup.console.server import PageServer
 from husky_runtime import graph
 
 _SPEEDS = ("0.1", "0.25", "0.5", "1", "2", "5", "10")
@@ -42,12 +41,12 @@ class Player:
     """
 
     def __init__(
-        self, gui: GuiApi, page: Page, record: Record, decode: Callable[[str, bytes], Any]
+        self, server: PageServer, page: Page, record: Record, decode: Callable[[str, bytes], Any]
     ):
         """Stand at the begin of the record, with the controls in a panel of their own.
 
         Args:
-            gui: of the page.
+            server: of the page.
             page: that shows the record, and nothing else.
             record: that is played.
             decode: returns the message of a topic; raises an error where there is none.
@@ -59,6 +58,7 @@ class Player:
         self._kept: dict[str, bytes] = {}
         self._plays, self._last, self._held_until, self._turn = False, 0.0, 0.0, 0
         self._length = max(round(record.end - record.start, 2), _STEP)
+        gui, self._inputs = server.gui, server.inputs
         panel = gui.add_panel()
         with panel.add_tab(str(record.path)):
             self._slider: Any = gui.add_slider("time [s]", 0.0, self._length, _STEP, 0.0)
@@ -80,10 +80,7 @@ class Player:
         while self._presses:
             self._presses.popleft()
             self._press()
-        moved = self._slider.value  # whatever a client has sent
-        if moved != self._set:
-            self._set = min(max(moved, 0.0), self._length) if math.isfinite(moved) else self._set
-            self._slider.value = self._set
+        if self._was_moved():
             self._wanted = self._record.start + self._set
             self._held_until = wall_time + _HELD
         elif self._plays and wall_time > self._held_until:
@@ -96,6 +93,23 @@ class Player:
         self._turn = (self._turn + 1) % _SLOWER
         if self._turn == 0:
             self._draw_controls()
+
+    def _was_moved(self) -> bool:
+        """Whether somebody has moved the slider; to what there is, if it was to something else."""
+        with self._inputs:
+            moved = self._slider.value  # whatever a client has sent
+            if moved == self._set:
+                return False
+            self._set = min(max(moved, 0.0), self._length) if math.isfinite(moved) else self._set
+            self._slider.value = self._set
+        return True
+
+    def _follow(self) -> None:
+        """Have the slider follow the time, unless it is being moved just now."""
+        with self._inputs:
+            if self._slider.value == self._set:
+                self._set = round(self.time - self._record.start, 2)
+                self._slider.value = self._set
 
     def _press(self) -> None:
         """Play or pause; what has come to its end begins again."""
@@ -134,9 +148,7 @@ class Player:
     def _draw_controls(self) -> None:
         """Bring the controls up to date."""
         if self._plays:
-            # Where it is being moved just now, the next turn sees to what it has been moved.
-            self._set = round(self.time - self._record.start, 2)
-            self._slider.value = self._set
+            self._follow()
         label = "pause" if self._plays else "play"
         if self._button.label != label:
             self._button.label = label

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import threading
 
 from viser import SceneNodeHandle, ViserServer
 from viser._messages import GuiUpdateMessage, SetOrientationMessage, SetPositionMessage
@@ -14,10 +15,16 @@ PORT = 8080
 
 
 class PageServer(ViserServer):
-    """A server on a port that is free, which says nothing and shares nothing."""
+    """A server on a port that is free, which says nothing and shares nothing.
+
+    Attributes:
+        inputs: held while a browser gives an input a value; who reads one and then writes it holds
+            it meanwhile, for what comes between would be lost.
+    """
 
     def __init__(self) -> None:
         """Listen."""
+        self.inputs = threading.Lock()
         with contextlib.redirect_stdout(io.StringIO()):
             super().__init__("127.0.0.1", 0, verbose=False)
         inputs = self.gui._websock_interface
@@ -31,7 +38,8 @@ class PageServer(ViserServer):
         """
         with contextlib.suppress(ValueError, TypeError, OverflowError, AssertionError):
             if set(message.updates) == {"value"}:
-                await self.gui._handle_gui_updates(client_id, message)
+                with self.inputs:
+                    await self.gui._handle_gui_updates(client_id, message)  # awaits nothing
 
     def request_share_url(self, verbose: bool = True) -> None:
         """Open no tunnel to viser's public host, whatever a client asks for: it has no gate."""

@@ -47,7 +47,7 @@ def replay(bag: Path, namespace: str | None, host: str, port: int, token: str) -
         stack.callback(record.close)
         server = PageServer()
         stack.callback(server.stop)
-        player = Player(server.gui, Page(server, "(recorded)"), record, decode)
+        player = Player(server, Page(server, "(recorded)"), record, decode)
         gate = WebGate(host, port, server.get_port(), token=token)
         stack.callback(gate.close)
         print(f"the record is at {gate.address('http')}", flush=True)
