@@ -38,8 +38,9 @@ def pytest_configure(config: pytest.Config) -> None:
 
     def end(number: int, frame: object) -> None:
         starter.asked_to_end.append(number)
-        _ended_by.append(number)
-        pytest.exit(f"ended by {signal.Signals(number).name}")
+        if not _ended_by:  # a second one would break off what the first one has begun
+            _ended_by.append(number)
+            pytest.exit(f"ended by {signal.Signals(number).name}")
 
     for number in starter.ending_signals():
         signal.signal(number, end)

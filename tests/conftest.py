@@ -27,12 +27,17 @@ short ones between. `side_by_side` begins at both ends."""
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """What every run has: a second try for tests of processes, a word on what is left out."""
+    """What every run has: a second try for tests of processes, a word on what is left out, and an
+    end.
+    """
     from left_out import LeftOut
     from second_try import SecondTry
+    from watchdog import Watchdog
 
     config.pluginmanager.register(LeftOut(config))
     config.pluginmanager.register(SecondTry())
+    if config.pluginmanager.hasplugin("timeout"):
+        config.pluginmanager.register(Watchdog(config))
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
@@ -51,12 +56,16 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         return "realtime" in item.path.name, place, shared.get(item.path, "")
 
     items.sort(key=rank)
-    if config.pluginmanager.hasplugin("timeout"):
+    contained = [
+        item
+        for item in items
+        if item.get_closest_marker("docker") or item.get_closest_marker("bare")
+    ]
+    if contained and config.pluginmanager.hasplugin("timeout"):
         from docker_engine import BUILD_PERIOD
 
-        for item in items:  # the first one waits for the image
-            if item.get_closest_marker("docker") or item.get_closest_marker("bare"):
-                item.add_marker(pytest.mark.timeout(BUILD_PERIOD + 600.0))
+        for item in contained:  # the first one waits for the image
+            item.add_marker(pytest.mark.timeout(BUILD_PERIOD + 600.0))
 
 
 def pytest_collection_finish() -> None:

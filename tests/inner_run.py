@@ -13,7 +13,7 @@ import pytest
 from left_out import MARKERS
 
 HERE = Path(__file__).parent
-_PLUGINS = ("conftest.py", "left_out.py", "second_try.py", "side_by_side.py")
+_PLUGINS = ("conftest.py", "left_out.py", "second_try.py", "side_by_side.py", "watchdog.py")
 
 
 def inner_run(root: Path, files: Mapping[str, str], *options: str, code: int = 0) -> str:
@@ -44,9 +44,10 @@ def inner_run(root: Path, files: Mapping[str, str], *options: str, code: int = 0
             **{n: v for n, v in os.environ.items() if not n.startswith("PYTEST_")},
             "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1",
         },
-        capture_output=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
         text=True,
         check=False,
     )
-    assert run.returncode == code, run.stdout + run.stderr
+    assert run.returncode == code, run.stdout
     return run.stdout

@@ -65,9 +65,18 @@ class SideBySide(LoadFileScheduling):  # type: ignore[misc]
         elif sum(not one.shutting_down for one in self.nodes) > 1:
             node.shutdown()  # the last one stays, and is called again when the others have gone
 
-    def remove_node(self, node: Any) -> Any:
-        """Forget a worker that has ended; return the test that has crashed it, or None."""
-        crashed = super().remove_node(node)
+    def remove_node(self, node: Any) -> str | None:
+        """Forget a worker that has ended; return the test that has crashed it, or None.
+
+        The others get what that worker had not begun: not the test too, as xdist's own has it.
+        """
+        work = self.assigned_work.pop(node)
+        left = [(unit, test) for unit in work.values() for test, over in unit.items() if not over]
+        crashed = None
+        if left:
+            unit, crashed = left[0]
+            unit[crashed] = True
+            self.workqueue.update({n: u for n, u in work.items() if not all(u.values())})
         for one in self.nodes:
             self._reschedule(one)
         return crashed
