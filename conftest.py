@@ -20,6 +20,8 @@ settings.load_profile("patient")
 
 _ended_by: list[int] = []
 """Signals that have ended this run."""
+_FINISHES = pytest.StashKey[bool]()
+"""Of the configuration: whether the run is over but for its last words."""
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -38,8 +40,8 @@ def pytest_configure(config: pytest.Config) -> None:
 
     def end(number: int, frame: object) -> None:
         starter.asked_to_end.append(number)
-        if not _ended_by:  # a second one would break off what the first one has begun
-            _ended_by.append(number)
+        _ended_by.append(number)
+        if not config.stash.get(_FINISHES, False):
             pytest.exit(f"ended by {signal.Signals(number).name}")
 
     for number in starter.ending_signals():
@@ -48,7 +50,11 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)
 def pytest_sessionfinish(session: pytest.Session) -> Iterator[None]:
-    """Give a run that a signal ends its exit code once it has told what had failed until then."""
+    """Give a run that a signal ends its exit code once it has told what had failed until then.
+
+    A second signal does not break that off.
+    """
+    session.config.stash[_FINISHES] = True
     yield
     if _ended_by:
         session.exitstatus = 128 + _ended_by[-1]

@@ -36,7 +36,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
     config.pluginmanager.register(LeftOut(config))
     config.pluginmanager.register(SecondTry())
-    if config.pluginmanager.hasplugin("timeout"):
+    if config.pluginmanager.hasplugin("timeout") and not config.getoption("usepdb"):
         config.pluginmanager.register(Watchdog(config))
 
 

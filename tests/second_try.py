@@ -8,7 +8,6 @@ pure code, which are not marked `graph`, are never run again.
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Iterator
 from typing import Any
 
@@ -39,8 +38,7 @@ class SecondTry:
         failed = [report for report in reports if report.failed]
         if failed:
             self._first[item.nodeid] = "\n".join(report.longreprtext for report in failed)
-            with contextlib.suppress(Exception):  # a broken graph need not end well
-                item.session._setupstate.teardown_exact(None)
+            _tear_down(item)
             # From the outside, so that it gets a time limit of its own.
             item.ihook.pytest_runtest_protocol(item=item, nextitem=nextitem)
             return True
@@ -81,3 +79,13 @@ class SecondTry:
                     terminalreporter.line(f"  {line.removeprefix('E').strip()}")
         if len(self._passed) > MOST:
             terminalreporter.line(f"FAILED: {len(self._passed)} second tries, {MOST} may be")
+
+
+def _tear_down(item: pytest.Item) -> None:
+    """End all fixtures; a broken graph need not end well."""
+    try:
+        item.session._setupstate.teardown_exact(None)
+    except pytest.exit.Exception:
+        raise
+    except (Exception, pytest.fail.Exception, BaseExceptionGroup):
+        pass

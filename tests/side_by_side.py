@@ -56,8 +56,8 @@ class SideBySide(LoadFileScheduling):  # type: ignore[misc]
 
     def _reschedule(self, node: Any) -> None:
         """Give a worker that has little left its next file, or let it go when it is done."""
-        if node.shutting_down:
-            return
+        if node.shutting_down or node not in self.registered_collections:
+            return  # one that replaces another has its tests to collect first
         if DOCKER in self.assigned_work[node]:
             node.shutdown()
         elif not self._too_early():

@@ -1,8 +1,9 @@
 """No test hangs for ever, and a run that is ended says which tests it was at.
 
-pytest-timeout ends a test from within: not one that stands in a library's code, nor the end of a
-fixture after a failure, for a failure stops its clock. Then the process says where each of its
-threads stands, and ends; pytest-xdist names the test, counts it as failed, and goes on without it.
+pytest-timeout ends a test from within, but a failure stops its clock, for whoever wants to look at
+it in a debugger; here the ends of the fixtures have what is left of it. Where it cannot end a test,
+because that stands in a library's code or hangs again, the process says where each of its threads
+stands, and ends; pytest-xdist names the test, counts it as failed, and goes on without it.
 """
 
 from __future__ import annotations
@@ -24,9 +25,12 @@ class Watchdog:
 
     def __init__(self, config: pytest.Config):
         """Watch, by pytest-timeout's settings."""
+        from pytest_timeout import get_env_settings
+
         self._error = os.dup(2)  # the tests' own is caught
-        self._timeout = float(config.getini("timeout") or 0.0)
+        self._timeout = get_env_settings(config).timeout or 0.0
         self._since: dict[str, float] = {}  # when each test has begun that has not ended
+        self._fails = False  # just now
 
     def _watch(self, item: pytest.Item) -> None:
         marker = item.get_closest_marker("timeout")
@@ -43,11 +47,21 @@ class Watchdog:
         finally:
             faulthandler.cancel_dump_traceback_later()
 
-    @pytest.hookimpl(trylast=True)
-    def pytest_exception_interact(self, node: Any) -> None:
-        """Go on after a failure, at which pytest stops this clock too."""
-        if isinstance(node, pytest.Item):
-            self._watch(node)
+    @pytest.hookimpl(wrapper=True)
+    def pytest_exception_interact(self, node: Any) -> Iterator[None]:
+        """Go on after a failure, at which pytest stops both clocks."""
+        self._fails = True
+        try:
+            return (yield)
+        finally:
+            self._fails = False
+            if isinstance(node, pytest.Item):
+                self._watch(node)
+
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_timeout_cancel_timer(self, item: pytest.Item) -> bool | None:
+        """Stop pytest-timeout's clock at the end of the test only."""
+        return True if self._fails else None
 
     def pytest_runtest_logstart(self, nodeid: str) -> None:
         """Note that a test begins, here or in a worker."""
