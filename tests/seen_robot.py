@@ -13,6 +13,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
+from starvation import Beside
 from std_srvs.srv import Trigger
 
 from husky_experiments.hearing import waiting
@@ -91,6 +92,8 @@ class Robot:
         self._commands = self.tap(ServoCommand, graph.SERVO_COMMAND)
         self.reports: dict[str, DiagnosticStatus] = {}
         self._refusal = ""
+        self._beside: Beside | None = None
+        self._told: Callable[[], object] = lambda: ""
         session.subscribe(DiagnosticArray, graph.DIAGNOSTICS, self._on_diagnostics)
 
     def _on_diagnostics(self, array: DiagnosticArray) -> None:
@@ -129,7 +132,7 @@ class Robot:
         reports = {name: status.message for name, status in self.reports.items()}
         return (
             f"t {s.time:.3f} s, mode {mode}, drives {drives}, height {self.height:.3f} m, "
-            f"last refusal {self._refusal!r}, {reports}"
+            f"last refusal {self._refusal!r}, {reports} {self._told()}"
         )
 
     @property
@@ -200,6 +203,27 @@ class Robot:
         return float(on[-1] + graph.TICK_PERIOD - since) if len(on) else 0.0
 
     # What is done ---------------------------------------------------------------------------
+    @contextlib.contextmanager
+    def beside(self, process: Any, told: Callable[[], object] = lambda: "") -> Iterator[None]:
+        """Let the world wait for a process beside the graph too, as far as `advance` moves it.
+
+        Args:
+            process: as `subprocess` has it.
+            told: what it has told last, for failures.
+        """
+        self._beside, self._told = Beside(process.pid), told
+        try:
+            yield
+        finally:
+            self._beside, self._told = None, lambda: ""
+
+    def advance(self, duration: float) -> None:
+        """Let the world go on for a while [s]."""
+        if self._beside is not None:
+            self._beside.advance(self.session, duration)
+        else:
+            self.session.advance(duration)
+
     def until(
         self, predicate: Callable[[], bool], what: str, within: float, step: float = 0.01
     ) -> float:
@@ -208,7 +232,7 @@ class Robot:
         while not predicate():
             if self.session.time >= start + within - 1e-9:
                 pytest.fail(f"waited {within} s for {what}; last seen: {self.seen}")
-            self.session.advance(step)
+            self.advance(step)
         return self.session.time - start
 
     def until_damped(self) -> None:

@@ -1,4 +1,4 @@
-"""Tells a machine that has no processor for a node from a node that is late by itself.
+"""Tells a machine that has no processor for a process from a process that is late by itself.
 
 The kernel counts how long each thread was ready to run and had to wait for a processor
 (`/proc/<pid>/task/<tid>/schedstat`). A node that is slow, stopped or dead does not wait.
@@ -6,6 +6,7 @@ The kernel counts how long each thread was ready to run and had to wait for a pr
 
 from __future__ import annotations
 
+import contextlib
 import os
 import time
 from collections.abc import Callable
@@ -81,6 +82,45 @@ def _pressure() -> float:
     except OSError:  # a kernel that does not tell
         return 0.0
     return int(words[4].removeprefix("total=")) / 1e6
+
+
+class Beside:
+    """A process beside the graph, for which the world waits as lockstep lets it wait for nodes.
+
+    It goes on as soon as the process has nothing to do, or has worked for as long as the world has
+    gone on: more it could not have done on a processor of its own. So whatever it does late, as
+    when somebody blocks it, it does late in simulated time too, however busy the machine is.
+    """
+
+    STEP = 0.02
+    """How far the world goes on before it looks [s]."""
+
+    def __init__(self, process: int):
+        """Take a process by its number."""
+        self._process = process
+        self._worked = processor_time(process).worked
+
+    def advance(self, session: Any, duration: float) -> None:
+        """Let a session's world go on for a while [s]."""
+        steps = max(1, round(duration / self.STEP))
+        for _ in range(steps):
+            session.advance(duration / steps)
+            self._catch_up(duration / steps)
+
+    def _catch_up(self, step: float) -> None:
+        most = self._worked + step
+        while not self._rests() and processor_time(self._process).worked < most:
+            time.sleep(0.001)
+        self._worked = processor_time(self._process).worked
+
+    def _rests(self) -> bool:
+        """Return whether no thread works or is ready to, nor has meanwhile handed on what to do."""
+        before = processor_time(self._process)
+        for task in Path(f"/proc/{self._process}/task").glob("*/stat"):
+            with contextlib.suppress(OSError):  # a thread that has ended meanwhile
+                if task.read_text().rpartition(")")[2].split()[0] in "RD":
+                    return False
+        return processor_time(self._process) == before
 
 
 class _Watch:

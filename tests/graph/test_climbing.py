@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,6 +11,9 @@ from pathlib import Path
 import pytest
 from seen_robot import QUICKLY, Robot
 
+from husky_control.planning.collocation.planner import Planner
+from husky_control.planning.collocation.request import PlanRequest, machine_of
+from husky_description.robot import load_robot
 from husky_experiments.climb_scripts import climb_onto, get_ready, go
 from husky_experiments.incline_course import Course, climbing_settings
 from husky_runtime import graph
@@ -18,16 +22,20 @@ pytestmark = pytest.mark.graph
 
 COURSE = Course(slope_deg=15.0, approach=0.3, blend=0.5, length=4.0)
 SPEED = 0.3
+INTERVALS = 12
 GRACE = 20.0
-"""Wall time: the planner compiles its derivatives the first time, 7 s of a processor [s]."""
+"""Wall time: the planner derives its formulas, some seconds of a processor [s]."""
 
 
 @pytest.fixture(scope="module")
 def climber(new_graph) -> Iterator[Robot]:
     """A robot on the straight part of a slope, climbing."""
+    # The planner finds its derivatives compiled: nobody waits in vain for a compiler.
+    request = PlanRequest(slope=math.radians(10.0), gait="climb", intervals=INTERVALS)
+    Planner(machine_of(load_robot())).plan(request)
     settings = climbing_settings(COURSE, seed=1, controller={"grace": GRACE, **QUICKLY})
     settings[graph.PLANT]["grace"] = GRACE
-    settings[graph.PLANNER] = {"keep": False, "intervals": 12}
+    settings[graph.PLANNER] = {"keep": False, "intervals": INTERVALS}
     with new_graph(**settings) as robot:
         get_ready(robot.session)
         assert climb_onto(robot.session, COURSE, SPEED), robot.seen

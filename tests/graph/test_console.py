@@ -33,6 +33,13 @@ def console(domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[S
 
 
 @pytest.fixture
+def beside(graph_of_module: Any, console: ServedBench) -> Iterator[None]:
+    """The world waits for the console as it does for the robot's nodes."""
+    with graph_of_module.beside(console.process):
+        yield
+
+
+@pytest.fixture
 def page(console: ServedBench) -> PageClient:
     console.clients.append(PageClient(console.address + VIEW))
     return console.clients[-1]
@@ -60,18 +67,24 @@ def test_a_robot_whose_legs_carry_nothing(
 
 
 def test_an_operator_stands_the_robot_up_walks_and_is_lost(
-    robot: Any, operator: OperatorClient
+    robot: Any, console: ServedBench, operator: OperatorClient
 ) -> None:
     def shown(condition: Any, what: str) -> None:
         robot.until(condition, what, within=20.0, step=0.1)
+
+    def stands() -> bool:
+        if operator.robot["said"].endswith("is not there"):  # not discovered by the console yet
+            operator.ask("action", "stand up")
+        return bool(operator.robot["mode"] == "stand")
 
     def possible() -> set[str]:
         return {mode["name"] for mode in operator.robot.get("modes", ()) if mode["possible"]}
 
     shown(lambda: operator.robot.get("mode") == "passive", "the mode")
     assert operator.robot["gaits"] == list(GAITS) and "fans" not in operator.robot
-    operator.ask("action", "stand up")
-    shown(lambda: operator.robot["mode"] == "stand", "standing")
+    with robot.beside(console.process, lambda: operator.state):
+        operator.ask("action", "stand up")
+        shown(stands, "standing")
     assert {"walk", "sit"} < possible() and "stand_up" not in possible()
     with operator.holding(stick=(1.0, 0.0, 0.0), speed=0.6):
         shown(lambda: list(robot.session.state.commanded_velocity) == [0.3, 0.0, 0.0], "0.3 m/s")
@@ -82,6 +95,7 @@ def test_an_operator_stands_the_robot_up_walks_and_is_lost(
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("beside")
 def test_a_robot_that_walks(trotting: Any, page: PageClient) -> None:
     """Its links from the description, where it goes, forces, ground, plots, words, reports."""
 
@@ -107,6 +121,7 @@ def test_a_robot_that_walks(trotting: Any, page: PageClient) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("beside")
 def test_a_parameter_is_set_by_the_page(trotting: Any, console: ServedBench) -> None:
     """Who looks on another page sees it too; what is out of range is refused with the range."""
     page, other = PageClient(console.address + VIEW), PageClient(console.address + VIEW)
@@ -157,7 +172,8 @@ def test_an_emergency_stop_beside_pages_that_do_not_read(
         trotting.session.advance(0.5)
         stopped = trotting.watch()
         operator.ask("action", "emergency stop")
-        trotting.session.advance(0.5)
+        with trotting.beside(console.process):
+            trotting.advance(0.5)
         record_property("reaction_s", trotting.torque_ends(stopped))
     assert trotting.session.drives.emergency_stop, trotting.seen
     operator.ask("action", "recover from a fault or an emergency stop")

@@ -70,7 +70,8 @@ def test_an_emergency_stop_beside_a_client_that_does_not_read(
         trotting.until(lambda: bool(heard), "a transform at the client", within=20.0, step=0.1)
         stopped = trotting.watch()
         call = client.call(EMERGENCY_STOP)
-        trotting.session.advance(0.5)
+        with trotting.beside(gateway.process):
+            trotting.advance(0.5)
         gateway.wait(lambda: call in client.answers, "the answer")
         record_property("reaction_s", trotting.torque_ends(stopped))
     drives = trotting.session.drives

@@ -8,12 +8,12 @@ does not depend on how fast anything ran.
 
 A peer that stays silent for the grace period (wall time) is declared lost: ticks go on without it,
 so that watchdogs act. One whose process is known to have ended is lost at once. Nobody is lost
-because the machine is slow: time in which its process works, or waits for a processor, is no
-silence, for ten grace periods at most. Every tick still asks one that is lost, and a world that
-stands still does now and then: it is expected again as soon as it answers. Determinism ends at a
-loss, and `losses` says so. At the start a peer gets a longer grace, because processes come up in
-any order; one whose first words cannot be repeated (the IMU's samples) is awaited only once it has
-been heard.
+because the machine is slow: time in which its process works, or waits for a processor, or one that
+it has started does, is no silence, for ten grace periods at most. Every tick still asks one that is
+lost, and a world that stands still does now and then: it is expected again as soon as it answers.
+Determinism ends at a loss, and `losses` says so. At the start a peer gets a longer grace, because
+processes come up in any order; one whose first words cannot be repeated (the IMU's samples) is
+awaited only once it has been heard.
 
 Messages are best effort. The plant says its last word again when it has waited for a moment, and
 the bridge hands that on. Whoever hears a word twice says its own last word again: the answer, if
@@ -29,7 +29,7 @@ from enum import Enum
 _BUSY_FACTOR = 10.0
 """One that is busy gets so many grace periods: it may hang."""
 _LOOK = 0.1
-"""So long nobody looks at its process: nearly all answers have come by then [s of wall time]."""
+"""Between two looks at its process: nearly all answers have come by the first [s of wall time]."""
 
 
 class Presence(Enum):
@@ -84,6 +84,7 @@ class Peer:
         self._busy = busy
         self._waiting_since: float | None = None
         self._looked_at: tuple[float, float] | None = None  # when, and how busy it was then [s]
+        self._was_busy = 0.0  # since it is waited for [s]
 
     def expect(self) -> None:
         """From now on answers of a peer that was absent are waited for, each for the grace."""
@@ -127,23 +128,20 @@ class Peer:
 
     def _is_silent(self, waited: float) -> bool:
         """Return whether it has been waited for long enough [s], by what its process did."""
-        if self._looked_at is None:
-            if waited <= min(_LOOK, 0.5 * self._patience):
-                return False
-            since, before = waited, self._busy()
-            if before is None:
-                return True
-            self._looked_at = since, before
-        if waited <= self._patience:
+        looked_at, before = self._looked_at or (0.0, None)
+        if waited <= looked_at + min(_LOOK, 0.5 * self._patience):
             return False
-        since, before = self._looked_at
         now = self._busy()
-        if now is None or waited > _BUSY_FACTOR * self._patience:
+        if now is None:
             return True
-        return since + (waited - since - max(0.0, now - before)) > self._patience
+        if before is not None:  # less than before when one that it has started has ended
+            self._was_busy += min(max(0.0, now - before), waited - looked_at)
+        self._looked_at = waited, now
+        return waited > min(self._patience + self._was_busy, _BUSY_FACTOR * self._patience)
 
     def _wait_no_more(self) -> None:
         self._waiting_since = self._looked_at = None
+        self._was_busy = 0.0
 
     def restart(self, answered: int = -1) -> None:
         """Time starts again at zero: old answers no longer count.

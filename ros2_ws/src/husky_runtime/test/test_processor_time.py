@@ -35,6 +35,28 @@ def test_a_loop_works_or_waits_all_the_time(busy_loop):
     assert after.worked > before.worked
 
 
+def test_what_it_has_started_works_for_it():
+    """Also when that has ended, as far as it was on a processor."""
+    loop = "import time\nwhile time.thread_time() < 0.4: pass"
+    code = f"import subprocess, sys\nsubprocess.run([sys.executable, '-c', {loop!r}])\ninput()"
+    with subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE) as process:
+        task = Path(f"/proc/{process.pid}/task/{process.pid}")
+
+        def of_child() -> float:
+            own = int((task / "schedstat").read_text().split()[0]) / 1e9
+            return processor_time(process.pid).worked - own
+
+        while not (task / "children").read_text():
+            time.sleep(0.01)
+        while_it_works = 0.0
+        while (task / "children").read_text():
+            while_it_works, before = of_child(), while_it_works
+            time.sleep(0.01)
+        assert before > 0.1
+        assert of_child() > 0.35
+        process.communicate(b"\n")
+
+
 def test_one_that_is_stopped_or_gone_spends_nothing(busy_loop):
     os.kill(busy_loop, signal.SIGSTOP)
     while "T (stopped)" not in Path(f"/proc/{busy_loop}/status").read_text():
