@@ -23,6 +23,8 @@ processor was not late because of it [s]."""
 STARVED = 0.05
 """Share of the time that a node waits for a processor, above which real time is not kept."""
 _ATTEMPTS = 10
+_STEP = 0.02
+"""How far a world goes on before it looks whether a process beside it keeps up [s]."""
 CROWDED = 0.6
 """Share of the time that something waits for a processor, which the robot alone does not cause."""
 LATE_WORDS = (
@@ -92,9 +94,6 @@ class Beside:
     when somebody blocks it, it does late in simulated time too, however busy the machine is.
     """
 
-    STEP = 0.02
-    """How far the world goes on before it looks [s]."""
-
     def __init__(self, process: int):
         """Take a process by its number."""
         self._process = process
@@ -102,7 +101,7 @@ class Beside:
 
     def advance(self, session: Any, duration: float) -> None:
         """Let a session's world go on for a while [s]."""
-        steps = max(1, round(duration / self.STEP))
+        steps = max(1, round(duration / _STEP))
         for _ in range(steps):
             session.advance(duration / steps)
             self._catch_up(duration / steps)

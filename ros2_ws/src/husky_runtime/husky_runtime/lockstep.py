@@ -129,7 +129,7 @@ class Peer:
     def _is_silent(self, waited: float) -> bool:
         """Return whether it has been waited for long enough [s], by what its process did."""
         looked_at, before = self._looked_at or (0.0, None)
-        if waited <= looked_at + min(_LOOK, 0.5 * self._patience):
+        if waited <= min(looked_at + min(_LOOK, 0.5 * self._patience), self._lost_after):
             return False
         now = self._busy()
         if now is None:
@@ -137,7 +137,12 @@ class Peer:
         if before is not None:  # less than before when one that it has started has ended
             self._was_busy += min(max(0.0, now - before), waited - looked_at)
         self._looked_at = waited, now
-        return waited > min(self._patience + self._was_busy, _BUSY_FACTOR * self._patience)
+        return waited > self._lost_after
+
+    @property
+    def _lost_after(self) -> float:
+        """So long it is waited for, by what is known of its process [s]."""
+        return min(self._patience + self._was_busy, _BUSY_FACTOR * self._patience)
 
     def _wait_no_more(self) -> None:
         self._waiting_since = self._looked_at = None
