@@ -252,8 +252,13 @@ class Robot:
                 self.session.advance(0.02)
             return self.mode == mode
 
-        try:
+        with self._telling_what_is_seen():
             self.session.wait_for(reported, f"the mode {mode}")
+
+    @contextlib.contextmanager
+    def _telling_what_is_seen(self) -> Iterator[None]:
+        try:
+            yield
         except SessionError as error:
             raise SessionError(f"{error}; {self.seen}") from error
 
@@ -310,7 +315,8 @@ class Robot:
     def stand(self) -> None:
         """Enable the drives and stand up."""
         self.enable()
-        self.session.set_mode("stand_up", patience=FIRST_SAMPLES)
+        with self._telling_what_is_seen():
+            self.session.set_mode("stand_up", patience=FIRST_SAMPLES)
         self.until(lambda: self.mode == "stand", "stand", within=10.0, step=0.05)
         assert self.height > 0.5, self.seen
 

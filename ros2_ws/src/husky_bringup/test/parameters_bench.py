@@ -67,6 +67,7 @@ class Source:
         mute: nodes that do not answer.
         may_write: holds writes up while it is not set.
         may_describe: holds answers of nodes up while it is not set.
+        quick: nodes that nothing holds up.
         described: how often a node has said what it has.
         threads: names of those in which something has been asked.
     """
@@ -80,6 +81,7 @@ class Source:
         self.may_write.set()
         self.may_describe = threading.Event()
         self.may_describe.set()
+        self.quick: set[str] = set()
         self.described = 0
         self.threads: set[str] = set()
 
@@ -95,18 +97,22 @@ class Source:
             raise Refused(f"{node} is silent")
         found = list(self.found[node].values())
         self.described += 1
-        self.may_describe.wait()
+        self._hold_up(node, self.may_describe)
         return found
 
     def write(self, values: Mapping[str, Any]) -> list[str]:
         ((full_name, value),) = values.items()
         self.written.append((full_name, value))
-        self.may_write.wait()
+        node, _, name = full_name.partition(".")
+        self._hold_up(node, self.may_write)
         if repr(value) in self.refusals:
             return [f"{full_name}: {self.refusals[repr(value)]}"]
-        node, _, name = full_name.partition(".")
         self.has(node, name, value)
         return []
+
+    def _hold_up(self, node: str, may_go_on: threading.Event) -> None:
+        if node not in self.quick:
+            may_go_on.wait()
 
     def has(self, node: str, name: str, value: Any) -> None:
         self.found[node][name] = replace(self.found[node][name], value=value)
@@ -133,7 +139,7 @@ class Bench:
     def settle(self) -> None:
         """Draw until nothing is under way."""
         worker = self.panel._worker
-        self.until(lambda: not (worker._waiting or worker._under_way or self.panel._stale))
+        self.until(lambda: not (worker._waiting or self.panel._stale))
         self.panel.draw(0.0)
 
     def give(self, handle: Any, value: Any) -> None:

@@ -37,7 +37,7 @@ def bench(server: PageServer, say: Say, source: Source) -> Iterator[Bench]:
     source.may_write.set()
     source.may_describe.set()
     bench.panel.close()
-    until(lambda: not bench.panel._worker._thread.is_alive())
+    until(lambda: not bench.panel._worker._waiting)
 
 
 # What is shown --------------------------------------------------------------------------------
@@ -173,12 +173,12 @@ def test_nothing_is_asked_in_the_thread_that_draws_or_before_it_draws(
     server: PageServer, say: Say, source: Source
 ) -> None:
     bench = Bench(server, say, source)
-    assert bench.panel._worker._thread is None
+    assert source.threads == set()
     bench.until(lambda: bench.panel._chooser.options == ("/other", "/walker"))
     bench.until(lambda: bench.state() == "0 of 0 parameters")
-    assert source.threads == {"worker"}
+    assert source.threads == {"worker nodes", "worker /other"}
     bench.panel.close()
-    until(lambda: not bench.panel._worker._thread.is_alive())
+    until(lambda: not bench.panel._worker._waiting)
     bench.panel.draw(0.0)
 
 
@@ -254,7 +254,7 @@ def test_of_a_slider_that_is_dragged_the_first_and_the_newest_value_are_set(benc
 def test_an_answer_that_is_older_than_what_a_browser_sends_is_not_shown(bench: Bench) -> None:
     bench.source.may_describe.clear()
     bench.panel._look()
-    bench.until(lambda: bench.panel._worker._under_way == "description")
+    bench.until(lambda: "/walker" in bench.panel._worker._under_way)
     bench.source.may_write.clear()
     bench.change(HEIGHT, 0.2)
     bench.until(lambda: bench.panel._is_busy(HEIGHT))
@@ -279,6 +279,23 @@ def test_writes_of_other_parameters_wait_their_turn(bench: Bench) -> None:
         "/walker.on",
         "/walker.sensing",
     ]
+
+
+def test_a_node_that_hangs_holds_up_no_other(bench: Bench) -> None:
+    bench.source.may_write.clear()
+    bench.change("free", 1.0)
+    until(lambda: bench.source.written != [])
+    bench.source.quick = {"/other"}
+    bench.source.found["/other"] = {"x": parameter("x", 1.0)}
+    bench.panel._look()
+    bench.until(lambda: "/other" in bench.panel._chooser.options)
+    bench.give(bench.panel._chooser, "/other")
+    bench.until(lambda: list(bench.panel._inputs) == ["x"])
+    assert bench.change_and_hear("x", 2.0) == "/other.x = 2.0"
+    bench.panel._outcome.content = ""
+    bench.source.may_write.set()
+    bench.until(lambda: bench.outcome() == "/walker.free = 1.0")
+    assert list(bench.panel._inputs) == ["x"]
 
 
 # What changes elsewhere -----------------------------------------------------------------------

@@ -26,8 +26,10 @@ _LONGEST_PATTERN = 200
 _LONGEST_LINE = 500
 """Characters of what a node says."""
 _NO_NODE = "-"
-_NODES, _DESCRIPTION = "nodes", "description"
-"""Calls that are made for the panel itself."""
+_NODES = "nodes"
+"""The lane in which it is asked which nodes there are; each node has one of its own name."""
+_DESCRIPTION = ""
+"""The call that asks for all parameters of a node; the others have a parameter's name."""
 _STYLE = "font-size:0.85em;padding:0 0.9em 0.4em;overflow-wrap:anywhere"
 
 
@@ -52,7 +54,8 @@ class ParameterPanel:
 
         Args:
             gui: of the page.
-            source: is asked in a thread of the panel.
+            source: is asked in threads of the panel, of one node one thing after the other: a node
+                that does not answer holds up nobody but itself.
         """
         self._gui, self._source, self._worker = gui, source, Worker()
         self._chooser: Any = gui.add_dropdown(
@@ -75,7 +78,7 @@ class ParameterPanel:
         """Take what a node tells of its parameters."""
         if event.node != self._node:
             return
-        if event.new_parameters or event.deleted_parameters or self._worker.is_busy(_DESCRIPTION):
+        if event.new_parameters or event.deleted_parameters or self._is_busy(_DESCRIPTION):
             self._stale = True
         for each in event.changed_parameters:
             if each.name not in self._known:
@@ -88,14 +91,14 @@ class ParameterPanel:
 
     def draw(self, now: float) -> None:
         """Bring the page up to a wall time [s]."""
-        if now >= self._looked + _LOOK_PERIOD and not self._worker.is_busy(_NODES):
+        if now >= self._looked + _LOOK_PERIOD and not self._worker.is_busy(_NODES, _NODES):
             self._looked = now
             self._look(again=False)
         self._worker.hand_over()
         self._choose()
         for name in [name for name in self._told if not self._is_busy(name)]:
             self._update(name, self._told.pop(name))
-        if self._stale and not self._worker.is_busy(_DESCRIPTION):
+        if self._stale and not self._is_busy(_DESCRIPTION):
             self._ask_parameters()
         pattern = str(self._names.value).strip()
         if pattern != self._pattern:
@@ -114,7 +117,7 @@ class ParameterPanel:
     def _look(self, *, again: bool = True) -> None:
         """Look for nodes, and at the values of the chosen one again if wanted."""
         take = partial(self._take_nodes, again=again)
-        self._worker.ask(_NODES, self._source.nodes, take, self._say)
+        self._worker.ask(_NODES, _NODES, self._source.nodes, take, self._say)
 
     def _take_nodes(self, found: Sequence[str], *, again: bool) -> None:
         """Offer the nodes that there are, and the chosen one even if it has gone."""
@@ -143,6 +146,7 @@ class ParameterPanel:
     def _ask_parameters(self) -> None:
         node, self._stale = self._node, False
         self._worker.ask(
+            node,
             _DESCRIPTION,
             partial(self._source.describe, node),
             partial(self._take_parameters, node),
@@ -173,7 +177,8 @@ class ParameterPanel:
     def _send(self, node: str, parameter: NodeParameter, given: Any) -> None:
         """Have a value set, in viser's thread."""
         self._worker.ask(
-            (node, parameter.name),
+            node,
+            parameter.name,
             partial(self._set, node, parameter, given),
             partial(self._take_outcome, node, parameter.name),
             partial(self._take_failure, node, parameter.name),
@@ -182,7 +187,7 @@ class ParameterPanel:
     def _set(
         self, node: str, parameter: NodeParameter, given: Any
     ) -> tuple[Sequence[str], NodeParameter | None]:
-        """Set a value, in the worker's thread; return why not, and what the node has now."""
+        """Set a value, in a thread of the worker; return why not, and what the node has now."""
         full_name = f"{node}.{parameter.name}"
         try:
             refused = self._source.write({full_name: accepted(parameter, given)})
@@ -208,7 +213,7 @@ class ParameterPanel:
             self._update(name, self._known[name].value)
 
     def _is_busy(self, name: str) -> bool:
-        return self._worker.is_busy((self._node, name))
+        return self._worker.is_busy(self._node, name)
 
     def _update(self, name: str, value: Any) -> None:
         """Show a value, unless a browser changes it just now."""
