@@ -107,10 +107,10 @@ def silhouette(image: Array) -> Silhouette:
     return Silhouette(int(columns.min()), int(columns.max()), int(rows.min()), int(rows.max()))
 
 
-def share_of(colour: str, image: Array) -> float:
-    """Return the share of pixels (rows, columns, 3) that have about a colour, `#rrggbb`."""
+def pixels_of(colour: str, image: Array) -> int:
+    """Return how many pixels (rows, columns, 3) have about a colour, `#rrggbb`."""
     wanted = np.array([int(colour[at : at + 2], 16) for at in (1, 3, 5)])
-    return float((np.abs(image.astype(int) - wanted).max(axis=2) < _ALIKE).mean())
+    return int((np.abs(image.astype(int) - wanted).max(axis=2) < _ALIKE).sum())
 
 
 class BrowserPage:
@@ -250,9 +250,15 @@ class BrowserPage:
         return silhouette(self.look(self.view.locator("canvas").first))
 
     def look(self, what: Locator) -> Array:
-        """Return how a part of the page looks (rows, columns, 3)."""
+        """Return how a part of the page looks (rows, columns, 3), also one that is replaced now.
+
+        A screenshot of the part alone would wait until it has stood still for a while.
+        """
         self._close_notice()
-        return _pixels(what.screenshot())
+        what.evaluate("part => part.scrollIntoView({block: 'center'})")
+        box = what.bounding_box()
+        assert box is not None
+        return _pixels(self.page.screenshot(clip=box))
 
     def look_closer(self, right: float, down: float, nearer: int) -> None:
         """Turn the picture by the mouse [pixels], and go nearer [notches of its wheel]."""

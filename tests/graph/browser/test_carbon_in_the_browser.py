@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from browser_page import share_of
+from browser_page import pixels_of
 from rcl_interfaces.srv import GetParameters
 
 from husky_runtime import graph
@@ -18,6 +18,8 @@ _WAY = 0.5
 """For which the robot walks [m]."""
 _GREEN, _RED = "#2b8a3e", "#c92a2a"
 """Of a level, where all is well and where nothing is."""
+_FEW = 20
+"""Pixels of a word."""
 
 
 def test_it_stands_up_by_its_button(robot: Any, page: Any, shown: Any) -> None:
@@ -112,7 +114,7 @@ def test_reports_in_colour(robot: Any, page: Any, shown: Any) -> None:
     def is_of(colour: str, words: str) -> bool:
         if row.count() != 1 or words not in row.text_content():
             return False
-        return share_of(colour, page.look(row.locator("td").first)) > 0.01
+        return pixels_of(colour, page.look(row.locator("td").first)) > _FEW
 
     shown(robot, lambda: is_of(_GREEN, "streaming"), "green")
     robot.session.inject(graph.PLANT_INJECT_FAULT, "imu", "unplug")
@@ -138,6 +140,6 @@ def test_curves(trotting: Any, page: Any, shown: Any) -> None:
 
     def shows_both() -> bool:  # never while the plot is being replaced
         look = page.look(plots.first)
-        return all(share_of(each, look) > 1e-3 for each in colours)
+        return all(pixels_of(each, look) > 1e-3 * look[..., 0].size for each in colours)
 
     shown(trotting, shows_both, f"curves in {colours}")
