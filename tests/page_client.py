@@ -29,7 +29,6 @@ class PageClient(WebsocketClient):
     Attributes:
         nodes: kind of each object of the scene by name, e.g. "GlbMessage".
         positions: of objects [m], by name.
-        gui: properties of each element of the panel, by its number.
         received: bytes that have come.
     """
 
@@ -41,10 +40,15 @@ class PageClient(WebsocketClient):
         """
         self.nodes: dict[str, str] = {}
         self.positions: dict[str, tuple[float, ...]] = {}
-        self.gui: dict[str, dict[str, Any]] = {}
+        self._gui: dict[str, dict[str, Any]] = {}
         self.received = 0
         super().__init__(address, subprotocols=[f"viser-v{__version__}"], **options)
         self.say(**_CAMERA)
+
+    @property
+    def gui(self) -> dict[str, dict[str, Any]]:
+        """Properties of each element of the panel that has come so far, by its number."""
+        return dict(self._gui)  # a thread adds to it
 
     def say(self, **message: Any) -> None:
         """Send a message of viser's."""
@@ -52,7 +56,7 @@ class PageClient(WebsocketClient):
 
     def contents(self) -> list[str]:
         """Return the HTML of the panel, an element each."""
-        return [str(props.get("content", "")) for props in list(self.gui.values())]
+        return [str(props.get("content", "")) for props in self.gui.values()]
 
     def _take(self, data: str | bytes) -> None:
         assert isinstance(data, bytes)
@@ -67,9 +71,9 @@ class PageClient(WebsocketClient):
         elif kind == "RemoveSceneNodeMessage":
             self.nodes.pop(name, None)
         elif kind.startswith("Gui") and kind.endswith("UpdateMessage"):
-            self.gui.setdefault(message["uuid"], {}).update(message["updates"])
+            self._gui.setdefault(message["uuid"], {}).update(message["updates"])
         elif kind.startswith("Gui") and "uuid" in message:
-            self.gui[message["uuid"]] = dict(message.get("props", {}))
+            self._gui[message["uuid"]] = dict(message.get("props", {}))
         elif name and "props" in message:
             self.nodes[name] = kind
 

@@ -136,7 +136,7 @@ def test_a_parameter_is_set_by_the_page(trotting: Any, console: ServedBench) -> 
         trotting.until(seen, what, within=20.0, step=0.1)
 
     def find(of: PageClient, label: str) -> str:
-        found = [uuid for uuid, props in list(of.gui.items()) if props.get("label") == label]
+        found = [uuid for uuid, props in of.gui.items() if props.get("label") == label]
         return found[0] if len(found) == 1 else ""
 
     def choose(label: str, value: Any) -> None:

@@ -16,9 +16,13 @@ _LONG = 20.0
 """Of simulated time, in which everything that the page shows or asks for has come [s]."""
 
 
-@pytest.fixture(scope="package")
+@pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
-    """A browser; skipped where there is none."""
+    """A browser; skipped where there is none.
+
+    Of one file: as long as its driver is there an event loop runs in this thread, in which the
+    tests of other files could start none.
+    """
     try:
         with chromium() as browser:
             yield browser

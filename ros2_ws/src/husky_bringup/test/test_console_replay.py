@@ -284,6 +284,8 @@ def test_the_page_of_a_bag(walk_bag: Path) -> None:
         assert address
         page = PageClient(address[1])
         wait_for(lambda: "/scene/base_link/look" in page.nodes)
+        labels = ("play", "time [s]")
+        wait_for(lambda: {each.get("label") for each in page.gui.values()}.issuperset(labels))
         (slider,) = (u for u, each in page.gui.items() if each.get("label") == "time [s]")
         for nonsense in ([1, [2]], {"a": None}, "nothing", None, math.nan, 1e300):
             for uuid, each in page.gui.items():
