@@ -27,7 +27,7 @@ def bench(arguments: list[str]) -> dict[str, Any]:
     timing = ServoTiming()
     servos = Servos(robot, timing)
     segment = SimulatedSegment(robot)
-    master = Master(segment, settings_of(robot))
+    master = Master(segment, settings_of(robot), robot)
     master.configure()
     master.start()
     stand, zero = robot.stand_joint_position.copy(), np.zeros(12)

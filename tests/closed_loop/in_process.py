@@ -61,7 +61,7 @@ class InProcessRobot:
         self.world = World(robot, options or WorldOptions())
         self.controller = Controller(robot)
         self._segment = SimulatedSegment(robot)
-        self._master = Master(self._segment, settings_of(robot))
+        self._master = Master(self._segment, settings_of(robot), robot)
         self._master.configure()
         self._master.start()
         self._noise = ImuNoise(ImuFigures.of(robot.imu), self.world.options.seed)

@@ -10,19 +10,24 @@ import numpy as np
 
 from husky_control.gait.stance import lean_forces
 from husky_control.gait.table import GAITS
-from husky_control.kinematics import LEGS
 from husky_control.modes.behaviour import Event, Happening
 from husky_control.modes.context import ModeContext
 from husky_control.modes.table import TRANSITIONS, Mode, ModeMachine, Transition, modes_of
 from husky_control.parameters import Parameters, table_of
 from husky_control.tick_data import TICK, Counters, JointCommand, Measurements
+from husky_description.kinematics import LEGS
 
 if TYPE_CHECKING:
     from husky_control.planning.plan import Plan
     from husky_description.robot import Robot
 
 _REHEARSAL = (
-    ("stand_up", 1000), ("walk", 200), ("stand", 500), ("wair", 20), ("stand", 20), ("sit", 20)
+    ("stand_up", 1000),
+    ("walk", 200),
+    ("stand", 500),
+    ("wair", 20),
+    ("stand", 20),
+    ("sit", 20),
 )  # modes and ticks in each, before the first real tick
 
 

@@ -91,6 +91,7 @@ _GAINS: dict[str, Parameter] = {
     "stand.lateral_spread": _P(0.04, 0.0, 0.15, "m", "Feet outside of the hips after standing up"),
     "stand.duration": _P(2.0, 0.8, 10.0, "s", "Duration of standing up and of sitting down"),
     "stand.joint_speed": _P(1.0, 0.3, 5.0, "rad/s", "Speed of the joints while the body lies and the feet go to their places"),
+    "safety.stop_category": _P(1.0, 0.0, 1.0, "-", "Category of a stop after IEC 60204-1: 1 lies down before the joints let go, below 1 they let go at once"),
     "safety.max_tilt": _P(0.8, 0.35, 1.5, "rad", "Tilt of the body beyond which it is falling"),
     "safety.joint_margin": _P(0.15, 0.0, 0.5, "rad", "How far a joint may be beyond its range"),
     "safety.torque_share": _P(0.98, 0.8, 1.5, "-", "Share of the torque limit that counts as overload"),

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from husky_control.kinematics import JOINTS, Kinematics
 from husky_description.arrays import Array
+from husky_description.kinematics import JOINTS, Kinematics
 
 if TYPE_CHECKING:
     from husky_description.robot import Robot
@@ -54,11 +54,6 @@ class Postures:
         feet = self._kinematics.foot_positions(posture)
         feet[:, 2] = clearance - self._sit_height
         return self._kinematics.joint_positions(feet)
-
-    def perch_height(self, posture: Array) -> float:
-        """Return how high the perch is over the lowest foot of a posture (12,) rad, level [m]."""
-        feet = self._kinematics.foot_positions(posture)
-        return -float(feet[:, 2].min()) - self._sit_height
 
     def crouch(self) -> Array:
         """Joint positions (12,) rad low over wide feet, so that a slide down is no tumble."""

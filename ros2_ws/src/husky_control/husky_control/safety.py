@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numba import njit
 
-from husky_control.compiled import Compiled
-from husky_control.kinematics import JOINTS
 from husky_description.arrays import Array
+from husky_description.compiled import Compiled
+from husky_description.kinematics import JOINTS
 
 if TYPE_CHECKING:
     from husky_control.parameters import Parameters

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numba import njit
 
-from husky_control.kinematics import JOINTS
 from husky_description.arrays import Array
 from husky_description.gravity import GRAVITY
+from husky_description.kinematics import JOINTS
 from husky_runtime.graph import TICK_PERIOD
 
 TICK: float = TICK_PERIOD  # s

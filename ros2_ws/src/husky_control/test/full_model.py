@@ -15,7 +15,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from husky_control.kinematics import LEGS
 from husky_control.planning.collocation.problem import (
     Constraint,
     Ends,
@@ -48,6 +47,7 @@ from husky_control.planning.reduced_order import (
 )
 from husky_control.planning.rom_parameters import in_slope_frame
 from husky_description.arrays import Array
+from husky_description.kinematics import LEGS
 
 LEG_INPUT, FORCE_INPUT, THRUST_INPUT = slice(0, 12), slice(12, 24), slice(24, 27)
 """Parts of the input: q_L'' , forces of all four feet, thrust."""

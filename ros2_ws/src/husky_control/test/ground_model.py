@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from husky_control.kinematics import LEGS
 from husky_control.planning.array_namespace import checked_vector, namespace_of
 from husky_control.planning.reduced_order import f_rom, foot_positions, foot_velocities
 from husky_control.planning.rom_parameters import RomParameters
 from husky_description.ground import GroundModel
+from husky_description.kinematics import LEGS
 
 
 def friction_coefficient(speed: Any, ground: GroundModel) -> Any:

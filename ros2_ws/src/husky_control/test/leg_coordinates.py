@@ -12,11 +12,11 @@ import math
 
 import numpy as np
 
-from husky_control.kinematics import JOINTS, LEGS, Kinematics
 from husky_control.planning.array_namespace import checked_vector
 from husky_control.planning.reduced_order import LEG_STATES, leg_jacobian, leg_vector
 from husky_control.planning.rom_parameters import hips_in_base
 from husky_description.arrays import Array
+from husky_description.kinematics import JOINTS, LEGS, Kinematics
 from husky_description.robot import Robot
 
 SINGULAR = 1e-9

@@ -8,9 +8,9 @@ import pytest
 
 from husky_control.incline.climbing import GATE, Climbing
 from husky_control.incline.statics import plane_from_world
-from husky_control.kinematics import Kinematics
 from husky_control.parameters import Parameters
 from husky_description.gravity import GRAVITY
+from husky_description.kinematics import Kinematics
 from husky_description.mujoco_model import build_spec
 from husky_description.robot import load_robot
 

@@ -14,7 +14,7 @@ from husky_control.estimation.contact import (
     LegLoads,
     joint_inertias,
 )
-from husky_control.kinematics import Kinematics
+from husky_description.kinematics import Kinematics
 from husky_description.mujoco_model import build_spec
 from husky_description.robot import load_robot
 

@@ -5,9 +5,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from husky_control.estimation.estimator import Estimator, EstimatorNoise, LegOdometry
-from husky_control.kinematics import Kinematics
 from husky_control.parameters import Parameters
 from husky_description.gravity import GRAVITY
+from husky_description.kinematics import Kinematics
 from husky_description.robot import load_robot
 
 ROBOT = load_robot()

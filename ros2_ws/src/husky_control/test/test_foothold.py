@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from husky_control.gait.foothold import Approach, FootholdLaw, foothold_of, nominal_footholds
-from husky_control.kinematics import leg_geometry
+from husky_description.kinematics import leg_geometry
 from husky_description.robot import load_robot
 
 ROBOT = load_robot()

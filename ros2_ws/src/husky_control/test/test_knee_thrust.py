@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from husky_control.flight.knee_thrust import SingleRotors, edge_of, pair_thrusts, thrust_for_margin
-from husky_control.kinematics import Kinematics
 from husky_control.modes.balance_steps import BESIDE, SPEED_SHARE, BalanceSteps, legs_of
 from husky_control.modes.morph_postures import MorphPostures
 from husky_control.posture import PEAK
 from husky_description.fan import FanModel
 from husky_description.gravity import GRAVITY
+from husky_description.kinematics import Kinematics
 from husky_description.robot import load_robot
 from husky_description.rotor_geometry import flight_posture, rotor_geometry
 

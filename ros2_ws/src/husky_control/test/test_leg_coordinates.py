@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from leg_coordinates import LegCoordinates
 
-from husky_control.kinematics import Kinematics
 from husky_control.planning.rom_parameters import hips_in_base
+from husky_description.kinematics import Kinematics
 from husky_description.robot import load_robot
 
 ROBOT = load_robot()

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from husky_control.kinematics import Kinematics
 from husky_control.modes.levelling import MOST, Levelling, turn_to_level
+from husky_description.kinematics import Kinematics
 from husky_description.robot import load_robot
 
 ROBOT = load_robot("beta")

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from husky_control.kinematics import Kinematics
 from husky_control.posture import TUCKED, PostureMove, Postures
+from husky_description.kinematics import Kinematics
 from husky_description.robot import load_robot
 
 DT = 0.002

@@ -6,7 +6,6 @@ import pytest
 from leg_coordinates import LegCoordinates
 from scipy.spatial.transform import Rotation
 
-from husky_control.kinematics import Kinematics
 from husky_control.planning.reduced_order import (
     RomState,
     body_acceleration,
@@ -18,6 +17,7 @@ from husky_control.planning.reduced_order import (
     standing_state,
 )
 from husky_control.planning.rom_parameters import rom_parameters
+from husky_description.kinematics import Kinematics
 from husky_description.mujoco_model import build_spec
 from husky_description.robot import load_robot
 

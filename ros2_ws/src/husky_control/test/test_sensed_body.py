@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from husky_control.estimation.sensed_body import SensedBody
-from husky_control.kinematics import Kinematics
 from husky_control.parameters import Parameters
 from husky_control.tick_data import Measurements
+from husky_description.kinematics import Kinematics
 from husky_description.robot import load_robot
 
 ROBOT = load_robot()

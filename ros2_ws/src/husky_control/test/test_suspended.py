@@ -6,9 +6,9 @@ import pytest
 from husky_control.controller import Controller
 from husky_control.gait.suspended import Suspended
 from husky_control.gait.table import GAITS
-from husky_control.kinematics import LEGS, Kinematics
 from husky_control.modes.table import Mode
 from husky_control.tick_data import Measurements
+from husky_description.kinematics import LEGS, Kinematics
 from husky_description.robot import load_robot
 
 DT = 0.002

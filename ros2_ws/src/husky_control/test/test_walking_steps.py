@@ -10,8 +10,8 @@ from husky_control.gait.state import BodyInGround, FeetState
 from husky_control.gait.table import GAITS
 from husky_control.gait.walking import Walking
 from husky_control.incline.statics import plane_from_world
-from husky_control.kinematics import Kinematics
 from husky_control.parameters import Parameters
+from husky_description.kinematics import Kinematics
 from husky_description.robot import load_robot
 
 ROBOT = load_robot()
@@ -130,9 +130,7 @@ def test_ground_that_turns_and_turns_back_changes_nothing():
     plane = plane_from_world(np.array([-0.5, 0.0, 0.75**0.5]))
     walking.stand_on(Ground(plane=plane))
     np.testing.assert_allclose(walking.body_position, plane @ before, atol=1e-12)
-    np.testing.assert_allclose(
-        walking.reference.position, walking.body_position[:2], atol=1e-12
-    )
+    np.testing.assert_allclose(walking.reference.position, walking.body_position[:2], atol=1e-12)
     assert walking.ground.gravity == pytest.approx(9.80665 * 0.75**0.5)
     walking.stand_on(Ground())
     np.testing.assert_allclose(walking.body_position, before, atol=1e-12)

@@ -138,7 +138,7 @@ class Loop:
 
     def __init__(self, **overrides):
         self.bus = IdealDrives()
-        self.master = Master(self.bus, settings_of(ROBOT, **overrides))
+        self.master = Master(self.bus, settings_of(ROBOT, **overrides), ROBOT)
         self.master.configure()
         self.master.start()
         self.command = (8, STAND, ZERO, ZERO)

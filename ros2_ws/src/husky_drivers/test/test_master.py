@@ -34,7 +34,7 @@ from husky_drivers.joint_master.phase import Phase
 
 def test_configuration_writes_what_the_settings_say():
     bus = IdealDrives()
-    Master(bus, SETTINGS).configure()
+    Master(bus, SETTINGS, ROBOT).configure()
 
     def number(index, subindex, code):
         return struct.unpack(code, bus.objects[4, index, subindex])[0]
@@ -58,23 +58,23 @@ def test_configuration_names_the_drive_that_refuses():
     bus = IdealDrives()
     bus.refuses = (5, 0x6085)
     with pytest.raises(DriveError, match=r"front_right_knee: .*0x6085.*out of range"):
-        Master(bus, SETTINGS).configure()
+        Master(bus, SETTINGS, ROBOT).configure()
 
 
 def test_configuration_counts_and_identifies(monkeypatch):
     bus = IdealDrives()
     monkeypatch.setattr(bus, "slave_count", 11, raising=False)
     with pytest.raises(DriveError, match="11 slaves on the bus, expected 12"):
-        Master(bus, SETTINGS).configure()
+        Master(bus, SETTINGS, ROBOT).configure()
     bus = IdealDrives()
     monkeypatch.setattr(bus, "identity", lambda position: Identity(1, 2, 3))
     with pytest.raises(DriveError, match=r"front_left_hip_frontal.*not a Gold Twitter"):
-        Master(bus, SETTINGS).configure()
+        Master(bus, SETTINGS, ROBOT).configure()
 
 
 def test_start_names_the_drive_that_stays_behind():
     bus = IdealDrives()
-    master = Master(bus, SETTINGS)
+    master = Master(bus, SETTINGS, ROBOT)
     master.configure()
     bus.away.add(3)
     with pytest.raises(DriveError, match="front_right_hip_frontal"):

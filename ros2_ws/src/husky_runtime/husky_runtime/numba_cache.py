@@ -43,7 +43,8 @@ def seal_numba_cache() -> None:
             return load(self, key)
         except FileNotFoundError:
             return None
-        except (OSError, DamagedFileError) as error:
+        except (OSError, DamagedFileError, ImportError, AttributeError) as error:
+            # What the functions were made of may have moved since.
             _log.warning("%s; compiled anew", error)
             with contextlib.suppress(OSError):
                 path.unlink()

@@ -34,7 +34,7 @@ class Joints:
         self.servos = Servos(ROBOT, seed=seed)
         self.segment = SimulatedSegment(ROBOT, TICK)
         self.bus: Bus = self.segment
-        self.master = Master(self.bus, settings_of(ROBOT, **overrides))
+        self.master = Master(self.bus, settings_of(ROBOT, **overrides), ROBOT)
         self.master.configure()
         self.servos.update_state(self.position)
         self.held = np.zeros(12, bool)  # cannot move

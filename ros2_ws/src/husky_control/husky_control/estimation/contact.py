@@ -15,11 +15,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from husky_control.compiled import Compiled
-from husky_control.kinematics import JOINTS, LEGS
 from husky_control.tick_data import TICK
-from husky_control.vectors import Vector, column, cross, dot, product, vector, write
 from husky_description.arrays import Array
+from husky_description.compiled import Compiled
+from husky_description.kinematics import JOINTS, LEGS
+from husky_description.vectors import Vector, column, cross, dot, product, vector, write
 
 if TYPE_CHECKING:
     from husky_description.robot import Robot

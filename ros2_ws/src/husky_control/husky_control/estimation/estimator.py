@@ -16,11 +16,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from husky_control.compiled import Compiled
-from husky_control.kinematics import LEGS
-from husky_control.vectors import Vector, cross, product, product_plus, scaled, vector
 from husky_description.arrays import Array
+from husky_description.compiled import Compiled
 from husky_description.gravity import GRAVITY
+from husky_description.kinematics import LEGS
+from husky_description.vectors import Vector, cross, product, product_plus, scaled, vector
 
 if TYPE_CHECKING:
     from husky_description.robot import Robot
@@ -185,8 +185,11 @@ def _see_speed(belief: Belief, speed: Vector, variance: float, gate: float) -> N
     y = speed[1] - state[VELOCITY, 1]
     z = speed[2] - state[VELOCITY, 2]
     _update(
-        belief.horizontal, VELOCITY, -1,
-        _gated(x * x + y * y, belief.horizontal, variance, gate), gain,
+        belief.horizontal,
+        VELOCITY,
+        -1,
+        _gated(x * x + y * y, belief.horizontal, variance, gate),
+        gain,
     )
     _correct(state, 0, gain, x)
     _correct(state, 1, gain, y)

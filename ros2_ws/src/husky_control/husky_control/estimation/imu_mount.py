@@ -7,10 +7,10 @@ from numba import njit
 
 from husky_control.rotation import matrix_from_quaternion, matrix_from_roll_pitch_yaw
 from husky_control.tick_data import Measurements
-from husky_control.vectors import cross, product, vector
 from husky_description.arrays import Array
 from husky_description.robot import Robot
 from husky_description.rotation import Quaternion, conjugate, from_roll_pitch_yaw, multiply
+from husky_description.vectors import cross, product, vector
 from husky_runtime import graph
 
 

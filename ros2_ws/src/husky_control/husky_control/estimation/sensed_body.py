@@ -9,9 +9,9 @@ import numpy as np
 from husky_control.estimation.contact import ContactObserver, ContactThresholds, LegLoads
 from husky_control.estimation.estimator import Estimator, EstimatorNoise, LegOdometry
 from husky_control.gait.stance import Load, distribute_weight
-from husky_control.kinematics import LEGS, forward_kinematics, leg_geometry
 from husky_control.tick_data import TICK, Measurements
 from husky_description.arrays import Array
+from husky_description.kinematics import LEGS, forward_kinematics, leg_geometry
 
 if TYPE_CHECKING:
     from husky_control.gait.table import GaitClock

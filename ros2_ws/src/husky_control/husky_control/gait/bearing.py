@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from husky_control.compiled import Compiled
 from husky_control.gait.ground import Ground
 from husky_control.gait.stance import Load, distribute_weight, lean_forces
 from husky_control.gait.state import BodyInGround
 from husky_control.gait.table import GaitClock
-from husky_control.kinematics import LEGS, LegTargets, center_of_mass, leg_masses
 from husky_description.arrays import Array
+from husky_description.compiled import Compiled
+from husky_description.kinematics import LEGS, LegTargets, center_of_mass, leg_masses
 
 if TYPE_CHECKING:
     from husky_control.parameters import Parameters

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from husky_control.kinematics import LegGeometry
 from husky_description.arrays import Array
+from husky_description.kinematics import LegGeometry
 
 Point = tuple[float, float]
 
@@ -31,9 +31,7 @@ class FootholdLaw(NamedTuple):
     reach: float  # m
 
 
-def nominal_footholds(
-    geometry: LegGeometry, forward_spread: float, lateral_spread: float
-) -> Array:
+def nominal_footholds(geometry: LegGeometry, forward_spread: float, lateral_spread: float) -> Array:
     """Return foot positions under the legs of a standing robot, (4, 2) m, x and y in base.
 
     Args:

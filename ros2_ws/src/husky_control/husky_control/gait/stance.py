@@ -10,8 +10,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 from husky_control.gait.state import BodyInGround
-from husky_control.kinematics import LEGS, FootTargets, JointTargets
-from husky_control.vectors import (
+from husky_description.arrays import Array
+from husky_description.kinematics import LEGS, FootTargets, JointTargets
+from husky_description.vectors import (
     cross,
     difference,
     dot,
@@ -21,7 +22,6 @@ from husky_control.vectors import (
     vector,
     write,
 )
-from husky_description.arrays import Array
 
 Mask = NDArray[np.bool_]
 
@@ -98,9 +98,7 @@ def foot_targets(
 
 
 @njit(cache=True)
-def _roll(
-    rotation: Array, joints: JointTargets, leg: int, radius: float
-) -> tuple[float, float]:
+def _roll(rotation: Array, joints: JointTargets, leg: int, radius: float) -> tuple[float, float]:
     """Return the velocity along the ground, m/s, at which a stance foot's sphere rolls on."""
     # The shin's angular velocity turns the sphere: its centre moves on by spin x radius.
     pitch_rate = joints.velocity[3 * leg + 1] + joints.velocity[3 * leg + 2]

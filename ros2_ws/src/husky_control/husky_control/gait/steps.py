@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from husky_control.compiled import Compiled
 from husky_control.gait.foothold import Approach, FootholdLaw, foothold_of, nominal_footholds
 from husky_control.gait.ground import Ground
 from husky_control.gait.swing import SwingPaths, SwingShape, swing_feet
 from husky_control.gait.table import GaitClock
-from husky_control.kinematics import LEGS, LegGeometry
 from husky_description.arrays import Array
+from husky_description.compiled import Compiled
+from husky_description.kinematics import LEGS, LegGeometry
 
 if TYPE_CHECKING:
     from husky_control.parameters import Parameters

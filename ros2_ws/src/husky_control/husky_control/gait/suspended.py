@@ -12,9 +12,9 @@ import numpy as np
 
 from husky_control.gait.swing import SwingPaths, SwingShape, swing_feet
 from husky_control.gait.table import Gait, GaitClock
-from husky_control.kinematics import LEGS, LegTargets, forward_kinematics
 from husky_control.posture import PostureMove
 from husky_description.arrays import Array
+from husky_description.kinematics import LEGS, LegTargets, forward_kinematics
 
 if TYPE_CHECKING:
     from husky_description.robot import Robot

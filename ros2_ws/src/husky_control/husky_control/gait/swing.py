@@ -8,8 +8,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from husky_control.kinematics import LEGS
 from husky_description.arrays import Array
+from husky_description.kinematics import LEGS
 
 Mask = NDArray[np.bool_]
 

@@ -8,9 +8,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from husky_control.compiled import Compiled
-from husky_control.kinematics import LEGS
 from husky_description.arrays import Array
+from husky_description.compiled import Compiled
+from husky_description.kinematics import LEGS
 
 Mask = NDArray[np.bool_]
 

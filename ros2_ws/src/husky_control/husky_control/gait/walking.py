@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from husky_control.compiled import Compiled
 from husky_control.gait.bearing import Bearing
 from husky_control.gait.body_motion import Hop, Sway, sway_interval
 from husky_control.gait.foothold import Approach
@@ -29,10 +28,11 @@ from husky_control.gait.state import BodyInGround, FeetState
 from husky_control.gait.steps import Steps
 from husky_control.gait.table import Gait, GaitClock
 from husky_control.gait.velocity_reference import VelocityReference
-from husky_control.kinematics import LEGS, LegTargets
 from husky_control.rotation import matrix_from_roll_pitch_yaw, yaw_of
 from husky_description.arrays import Array
+from husky_description.compiled import Compiled
 from husky_description.gravity import GRAVITY
+from husky_description.kinematics import LEGS, LegTargets
 
 if TYPE_CHECKING:
     from husky_control.parameters import Parameters

@@ -26,13 +26,13 @@ from husky_control.incline.statics import (
     thrust_for_load,
     turn_towards,
 )
-from husky_control.kinematics import Kinematics
 from husky_control.parameters import Parameters
 from husky_control.planning.plan import Plan
 from husky_control.slew import slewed
 from husky_description.arrays import Array
 from husky_description.gimbal import Gimbal
 from husky_description.gravity import GRAVITY
+from husky_description.kinematics import Kinematics
 from husky_description.robot import Robot
 
 Mask = NDArray[np.bool_]

@@ -12,9 +12,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from husky_control.kinematics import LEGS
 from husky_description.arrays import Array
 from husky_description.gravity import GRAVITY
+from husky_description.kinematics import LEGS
 
 Mask = NDArray[np.bool_]
 

@@ -24,7 +24,6 @@ from husky_control.flight.knee_thrust import (
 )
 from husky_control.flight.thrust_vectoring import TILT_LIMIT
 from husky_control.gait.stance import Load, distribute_weight
-from husky_control.kinematics import LEGS, Kinematics
 from husky_control.modes.balance_steps import BalanceStep, BalanceSteps, legs_of
 from husky_control.modes.behaviour import STOPS, Behaviour, Event, Happening
 from husky_control.modes.context import ModeContext
@@ -36,6 +35,7 @@ from husky_control.tick_data import CYCLIC_POSITION, TICK, JointCommand
 from husky_description.arrays import Array
 from husky_description.fan import FanModel
 from husky_description.gravity import GRAVITY
+from husky_description.kinematics import LEGS, Kinematics
 from husky_description.rotor_geometry import rotor_geometry
 
 LAW_TICKS = 5

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from husky_control.flight.knee_thrust import edge_of
-from husky_control.kinematics import LEGS, Kinematics
 from husky_control.modes.morph_postures import MorphPostures
 from husky_control.posture import PEAK
 from husky_description.arrays import Array
+from husky_description.kinematics import LEGS, Kinematics
 
 if TYPE_CHECKING:
     from husky_description.robot import Robot

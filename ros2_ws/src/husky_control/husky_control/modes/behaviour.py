@@ -168,6 +168,11 @@ class Behaviour:
         return m.fans_disarmed or not m.fans_available
 
     @property
+    def grounded(self) -> bool:
+        """Whether the legs may carry the body."""
+        return True
+
+    @property
     def at_rest(self) -> bool:
         """Whether the body does not move."""
         body = self.context.body

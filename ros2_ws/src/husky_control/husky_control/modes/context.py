@@ -14,13 +14,13 @@ from husky_control.gait.suspended import Suspended
 from husky_control.gait.walking import Walking
 from husky_control.incline.assist import ThrustAssist
 from husky_control.incline.climbing import Climbing
-from husky_control.kinematics import Kinematics
 from husky_control.modes.command_watch import CommandWatch
 from husky_control.modes.morph_postures import MorphPostures
 from husky_control.posture import PEAK, Postures
 from husky_control.safety import Safety
 from husky_control.tick_data import Counters, JointCommand
 from husky_description.arrays import Array
+from husky_description.kinematics import Kinematics
 
 if TYPE_CHECKING:
     from husky_control.parameters import Parameters

@@ -7,12 +7,12 @@ import math
 import numpy as np
 
 from husky_control.flight.hover import AIRBORNE
-from husky_control.kinematics import JOINTS
 from husky_control.modes.behaviour import Behaviour, Event, Happening
 from husky_control.modes.context import ModeContext
 from husky_control.rotation import yaw_of
 from husky_control.tick_data import CYCLIC_POSITION, TICK, JointCommand
 from husky_description.arrays import Array
+from husky_description.kinematics import JOINTS
 
 
 class Fly(Behaviour):
@@ -71,8 +71,13 @@ class Fly(Behaviour):
         c, body, hover = self.context, self.context.body, self.context.hover
         m, note = body.measurements, hover.note
         hover.tick(
-            m.time, m.pose, body.rotation, m.specific_force_base,
-            self._feet_down(), yaw_of(body.rotation), TICK,
+            m.time,
+            m.pose,
+            body.rotation,
+            m.specific_force_base,
+            self._feet_down(),
+            yaw_of(body.rotation),
+            TICK,
         )
         if hover.note != note:
             c.reason = hover.note
@@ -98,6 +103,11 @@ class Fly(Behaviour):
             return None
         self.context.hover.land()
         return True, "landing"
+
+    @property
+    def grounded(self) -> bool:
+        """Whether the legs may carry the body: the flight has not begun, or is over."""
+        return self.context.hover.phase not in AIRBORNE
 
     @property
     def landed(self) -> bool:

@@ -13,7 +13,6 @@ from enum import Enum
 import numpy as np
 
 from husky_control.flight.hover import HoverPhase
-from husky_control.kinematics import Kinematics
 from husky_control.modes.behaviour import Behaviour, Event, Happening
 from husky_control.modes.context import ModeContext
 from husky_control.posture import PostureMove
@@ -21,6 +20,7 @@ from husky_control.rotation import tilt_of, yaw_of
 from husky_control.tick_data import CYCLIC_POSITION, TICK, JointCommand
 from husky_description.fan import FanModel
 from husky_description.gravity import GRAVITY
+from husky_description.kinematics import Kinematics
 
 LOW, HIGH = 0.59, 0.94
 """Base above the feet before and after the push, over the length of a leg [-]."""

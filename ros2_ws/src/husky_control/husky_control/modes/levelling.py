@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from husky_control.compiled import Compiled
-from husky_control.kinematics import DAMPING, LEGS, solve_leg
 from husky_description.arrays import Array
+from husky_description.compiled import Compiled
+from husky_description.kinematics import DAMPING, LEGS, solve_leg
 
 MOST = 0.3
 """Farthest that a joint is moved [rad]."""

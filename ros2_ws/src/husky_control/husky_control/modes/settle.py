@@ -1,28 +1,16 @@
-"""Mode `settle`: a robot that is to let go lowers its body onto the perch first.
+"""Mode `settle`: a robot on its legs lies down on its perch before its joints let go.
 
-Legs on servos let go one way alone: they hold or they drop. Damped, the body sinks for seconds over
-what feet just stand, and falls aside over two; without torque it drops by the length of its legs.
-So all feet go under their hips and the body down as fast as the joints can, and what was asked for,
-or is due, follows on the perch. It needs no measurement.
+Without torque a robot drops by the length of its legs, damped it sinks over the feet that stand at
+that moment, and both end on its side. `husky_description.settling` is the motion; the stop that was
+asked for, or is due, follows on the perch. It needs no measurement.
 """
 
 from __future__ import annotations
 
-import math
-
-import numpy as np
-
-from husky_control.kinematics import JOINTS
 from husky_control.modes.behaviour import STOPS, Behaviour, Event, Happening
 from husky_control.modes.context import ModeContext
 from husky_control.tick_data import CYCLIC_POSITION, TICK, JointCommand
-from husky_description.arrays import Array
-from husky_description.gravity import GRAVITY
-
-SLOWER = 1.4
-"""Least time of the way down, over that of a free fall."""
-LIFTED = 0.08
-"""How far the feet are lifted off the ground in the end, so that the perch alone carries [m]."""
+from husky_description.settling import Settling
 
 
 class Settle(Behaviour):
@@ -35,31 +23,17 @@ class Settle(Behaviour):
         """Nothing is wanted yet."""
         super().__init__(name, context)
         self._stop = ""  # what is asked for once it is down
-        self._ways: list[tuple[Array, float]] = []  # to come: goal (12,) rad, least time [s]
-        self._step = np.zeros(JOINTS)  # of a tick, on the way to a goal [rad]
-        self._ticks = 0  # left of that way
+        self._motion = Settling(context.robot)
 
     def enter(self, event: Event) -> None:
         """Go down from where the joints are; legs that do not stand stay where they are."""
         c = self.context
         c.assist.withhold()
         self._stop = c.request if event is Event.REQUEST else ""
-        self._ways, self._ticks = [], 0
-        height = c.postures.perch_height(c.command.position)
-        if height > 0.0:
-            stand = c.stand_posture()
-            down = self._way_down(c.postures.low(stand))
-            least = SLOWER * math.sqrt(2.0 * height / GRAVITY) / len(down)
-            self._ways = [(goal, least) for goal in down]
-            self._ways.append((c.postures.low(stand, LIFTED), 0.0))
-
-    def _way_down(self, low: Array) -> Array:
-        """Return postures (n, 12) rad on the way to the low one; evenly, where legs can."""
-        c = self.context
-        try:
-            return c.postures.straight(c.command.position, low)[1:]
-        except ValueError:
-            return low[None]
+        velocity = c.body.rotation.T @ c.body.estimator.velocity
+        self._motion.begin(c.command.position, velocity)
+        if c.parameters["safety.stop_category"] < 1.0:
+            self._motion.done = True
 
     def leave(self, event: Event) -> str:
         """Tell what is to follow."""
@@ -80,16 +54,10 @@ class Settle(Behaviour):
         """Go on down."""
         command.mode_of_operation = CYCLIC_POSITION
         command.effort.fill(0.0)
-        if self._ticks == 0:
-            if not self._ways:
-                command.velocity.fill(0.0)
-                return (Event.DONE, self.context.reason)
-            goal, least = self._ways.pop(0)
-            way = goal - command.position
-            needed = float(np.abs(way).max()) / self.context.robot.joint_speed
-            self._ticks = math.ceil(max(least, needed) / TICK)
-            self._step[:] = way / self._ticks
-        self._ticks -= 1
-        command.position += self._step
-        command.velocity[:] = self._step / TICK
+        if self._motion.done:
+            command.velocity.fill(0.0)
+            return (Event.DONE, self.context.reason)
+        self._motion.advance(TICK)
+        command.position[:] = self._motion.joint_position
+        command.velocity[:] = self._motion.joint_velocity
         return None

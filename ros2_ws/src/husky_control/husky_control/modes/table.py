@@ -76,7 +76,7 @@ class Mode(Enum):
     SIT            = ("sit", Sit,
         "lowers the body between the feet, gathers the legs, holds the sitting posture")
     SETTLE         = ("settle", Settle,
-        "lowers the body onto its perch as fast as the joints can; then it lets go")
+        "lies down on the perch within half a second; then the joints let go")
     DAMPING        = ("damping", Damping,
         "joints are held at zero velocity: the robot sinks")
     EMERGENCY_STOP = ("emergency_stop", EmergencyStop,
@@ -89,9 +89,19 @@ ACTIVE = frozenset(mode for mode in Mode if mode.behaviour.active)
 IN_THE_AIR = frozenset({Mode.QUADROTOR})
 """Modes in which letting go of the joints would be a fall: a fault lands the robot."""
 ON_LEGS = frozenset(
-    {Mode.STAND_UP, Mode.STAND, Mode.WALK, Mode.POSITION_TROT, Mode.BALANCE, Mode.PERCH, Mode.SIT}
+    {
+        Mode.STAND_UP,
+        Mode.STAND,
+        Mode.WALK,
+        Mode.WAIR,
+        Mode.FLY,
+        Mode.POSITION_TROT,
+        Mode.BALANCE,
+        Mode.PERCH,
+        Mode.SIT,
+    }
 )
-"""Modes in which a robot that can settles before it lets go."""
+"""Modes in which the robot settles before it lets go, unless it flies."""
 
 
 @dataclass(frozen=True)
@@ -116,7 +126,6 @@ FOR_PROPELLERS = frozenset(
         Mode.POSITION_TROT,
         Mode.BALANCE,
         Mode.LEAP,
-        Mode.SETTLE,
     }
 )
 """Modes of a robot whose legs carry propellers, on servos that hold angles."""
@@ -131,6 +140,7 @@ CONDITIONS: dict[str, str] = {
     "at_rest": "the body is still moving",
     "fans_available": "the fans are not armed or do not follow",
     "pose_fresh": "the T265 gives no pose, or a doubtful one",
+    "grounded": "the robot is in the air",
     "level": "the robot is still stepping, or stands on an incline",
     "landed": "the legs do not carry the weight yet",
     "posture_reached": "the legs are still on their way to the posture",
@@ -218,8 +228,10 @@ TRANSITIONS: tuple[Transition, ...] = (
     _row(Mode.EMERGENCY_STOP, Event.REQUEST, Mode.PASSIVE,  ("passive",)),
     _row(Mode.BALANCE,        Event.FAULT,   Mode.BALANCE,
          label="a safety check trips, it puts legs and body down"),
-    _row(ON_LEGS,             Event.FAULT,   Mode.SETTLE,   label="a safety check trips"),
-    _row(ON_LEGS,             Event.REQUEST, Mode.SETTLE,   ("damping", "emergency_stop")),
+    _row(ON_LEGS,             Event.FAULT,   Mode.SETTLE,   conditions=("grounded",),
+         label="a safety check trips"),
+    _row(ON_LEGS,             Event.REQUEST, Mode.SETTLE,   ("damping", "emergency_stop"),
+         ("grounded",)),
     _row(Mode.SETTLE,         Event.DONE,    Mode.DAMPING,  label="body down"),
     _row(ACTIVE - IN_THE_AIR - {Mode.SETTLE}, Event.FAULT, Mode.DAMPING,
          label="a safety check trips"),
@@ -259,7 +271,7 @@ class ModeMachine:
         self._holds = holds
 
     def request(self, name: str) -> tuple[Transition | None, str]:
-        """Take the transition that an operator asks for.
+        """Take the first transition that an operator asks for whose conditions hold.
 
         Returns:
             The transition taken, or None and the reason in words.
@@ -268,13 +280,16 @@ class ModeMachine:
             return None, f"there is no mode '{name}'; there are {', '.join(self.requests)}"
         if name == self.mode.value:
             return None, f"already in {name}"
+        refusal = ""
         for row in self._transitions:
             if row.event is Event.REQUEST and self.mode in row.sources and name in row.requests:
-                for condition in row.conditions:
-                    if not self._holds(condition):
-                        return None, f"{name} refused: {CONDITIONS[condition]}"
-                self.mode = row.target
-                return row, row.target.value
+                failed = next((each for each in row.conditions if not self._holds(each)), "")
+                if not failed:
+                    self.mode = row.target
+                    return row, row.target.value
+                refusal = refusal or f"{name} refused: {CONDITIONS[failed]}"
+        if refusal:
+            return None, refusal
         allowed = ", ".join(self.allowed_requests(self.mode)) or "nothing"
         return None, f"{name} cannot follow {self.mode.value}; it allows {allowed}"
 

@@ -9,8 +9,8 @@ from rclpy.node import Node
 from visualization_msgs.msg import Marker
 
 from husky_control.controller import Controller
-from husky_control.kinematics import LEGS
 from husky_description.arrays import Array
+from husky_description.kinematics import LEGS
 from husky_runtime import graph
 from husky_runtime.nodes.markers import GREEN, ORANGE, VIOLET, MarkerTeller, make_marker
 

@@ -18,10 +18,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from husky_control.kinematics import LEGS
 from husky_control.planning.array_namespace import checked_vector, is_casadi, namespace_of
 from husky_control.planning.rom_parameters import RomParameters
 from husky_description.arrays import Array
+from husky_description.kinematics import LEGS
 
 LEG_STATES = 3 * LEGS
 """Size of q_L, of its rates and of u_L: phi, gamma, r of each leg."""

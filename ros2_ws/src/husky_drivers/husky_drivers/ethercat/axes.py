@@ -36,7 +36,8 @@ class AxisSettings(JointSettings):
         short_cycle_limit: incomplete exchanges in a row until all axes stop.
         confirm_ticks: readings of a state in a row that confirm it.
         transition_timeout_ticks: exchanges that a stage of enabling or a reset may take.
-        fault_damping_ticks: how long the other axes damp the robot's fall after a drive is lost.
+        settle_ticks: how long a stop may take until the axes brake, if they followed positions.
+        hold_ticks: how long they hold zero speed in a stop, if they did not.
     """
 
     counts_per_radian: float
@@ -54,7 +55,8 @@ class AxisSettings(JointSettings):
     short_cycle_limit: int = 3
     confirm_ticks: int = 10
     transition_timeout_ticks: int = 250
-    fault_damping_ticks: int = 150
+    settle_ticks: int = 290
+    hold_ticks: int = 150
 
     @property
     def current_per_permille(self) -> float:

@@ -6,10 +6,14 @@ or reads a clock. A frame that not all drives took part in is not believed (work
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from husky_description.arrays import Array
+from husky_description.robot import Robot
+from husky_description.settling import Settling
 from husky_drivers.cia402 import DriveState, OperationMode, error_name
 from husky_drivers.ethercat.axes import AxisSettings, ProcessData
 from husky_drivers.ethercat.bus import AlState, Bus
@@ -21,6 +25,8 @@ from husky_drivers.joint_master.phase import Phase
 
 _CSP = OperationMode.CYCLIC_SYNCHRONOUS_POSITION
 _CSV = OperationMode.CYCLIC_SYNCHRONOUS_VELOCITY
+_REMEMBERED = 64
+"""Commands from which the velocity of the body is told when the controller is not believed."""
 
 
 class Master(CommandedMaster):
@@ -31,13 +37,13 @@ class Master(CommandedMaster):
         mode_display: mode of operation of each drive as last read (n,).
     """
 
-    devices, stopping = "drives", "brake"
-    unheard = "stop; with the stopping it stays below 0.1 s"
+    devices, stopping = "drives", "put the robot down"
+    unheard = "put the robot down, and lose torque"
     settings: AxisSettings
     _phases: DrivePhases
 
-    def __init__(self, bus: Bus, settings: AxisSettings):
-        """Take a bus that is not open yet."""
+    def __init__(self, bus: Bus, settings: AxisSettings, robot: Robot):
+        """Take a bus that is not open yet; the robot is the one that the axes carry."""
         self._bus = bus
         self._data = ProcessData(settings)
         phases = DrivePhases(settings, self._describe, self._why_incomplete)
@@ -47,6 +53,9 @@ class Master(CommandedMaster):
         self._modes_read = 0  # drives that have shown the mode since enabling began
         self._short_in_a_row = 0
         self._next_poll = 0
+        self._settling = Settling(robot)
+        self._ticks_left = 0  # until the axes brake, in a stop
+        self._remembered = np.zeros((_REMEMBERED, 3, n))  # commands, the newest last
         self.error_code = np.zeros(n, np.uint16)
         self.mode_display = np.zeros(n, np.int8)
 
@@ -99,12 +108,45 @@ class Master(CommandedMaster):
 
     # -- requests: do not block
 
+    def set_command(self, mode: int, position: Any, velocity: Any, effort: Any) -> str:
+        """Take the command of a tick, whole or not at all, as `CommandedMaster`; remember it."""
+        refusal = super().set_command(mode, position, velocity, effort)
+        if not refusal:
+            self._remembered[:-1] = self._remembered[1:]
+            self._remembered[-1] = self._command
+        return refusal
+
     def enable(self) -> str:
         """Start to enable all drives; returns "" or why not."""
         refusal = super().enable()
         if not refusal:
             self.error_code[:] = 0
         return refusal
+
+    def disable(self, reason: str = "disabled") -> None:
+        """Put the robot down, then remove torque; a stop that is under way goes on."""
+        if self.phase is Phase.ENABLED:
+            self._begin_settling(reason)
+        else:
+            super().disable(reason)
+
+    def _begin_settling(self, reason: str) -> None:
+        """Put down a robot whose joints follow positions; else hold the joints at rest."""
+        settings = self.settings
+        follows = self._sent_mode is _CSP
+        self._ticks_left = settings.settle_ticks if follows else settings.hold_ticks
+        if follows:
+            body_velocity = self._settling.velocity_of(self._remembered, settings.tick)
+            # Without its knee a leg does not carry; without one of its hips' drives it may.
+            knees = np.flatnonzero(self.states[2::3] != DriveState.OPERATION_ENABLED)
+            lost_leg = int(knees[0]) if len(knees) else -1
+            self._settling.begin(self._target, body_velocity, lost_leg)
+        self._phases.enter(Phase.SETTLING, reason)
+
+    @property
+    def _settled(self) -> bool:
+        """Whether a stop has come to the point at which the axes brake."""
+        return self._ticks_left <= 0 or (self._sent_mode is _CSP and self._settling.done)
 
     def _begin_mode(self) -> None:
         super()._begin_mode()
@@ -145,7 +187,9 @@ class Master(CommandedMaster):
         if self.phase is Phase.RESETTING:
             self.error_code[(self.states != DriveState.FAULT) & complete] = 0
         modes_confirmed = self._modes_read == len(self.states)
-        self._phases.advance(self.states, complete, modes_confirmed)
+        if self.phase is Phase.ENABLED and (lost := self._phases.why_lost(self.states)):
+            self._begin_settling(lost)
+        self._phases.advance(self.states, complete, modes_confirmed, self._settled)
         return complete
 
     def _confirm_mode(self) -> None:
@@ -171,6 +215,9 @@ class Master(CommandedMaster):
                 self._target[:] = position
             self._data.write_targets(self._mode, self._target, velocity, effort)
             return
+        if self.phase is Phase.SETTLING:
+            self._write_settling()
+            return
         enabling = self.phase is Phase.ENABLING
         held = enabling & (self.states == DriveState.OPERATION_ENABLED)
         np.copyto(self._target, self.position, where=~held)
@@ -180,13 +227,27 @@ class Master(CommandedMaster):
         self._data.write_torque_limit(1 if self._phases.may_have_torque else 0)
         self._data.write_targets(self._sent_mode, self._target, 0.0, 0.0)
 
+    def _write_settling(self) -> None:
+        self._ticks_left -= 1
+        self._data.controlword[:] = self._phases.controlwords(self.states)
+        if self._sent_mode is _CSP:
+            self._settling.advance(self.settings.tick)
+            self._target[:] = self._settling.joint_position
+            self._data.write_targets(_CSP, self._target, self._settling.joint_velocity, 0.0)
+            return
+        self._sent_mode = _CSV
+        self._data.mode[:] = _CSV
+        self._target[:] = self.position
+        self._data.write_targets(_CSV, self._target, 0.0, 0.0)
+
     # -- words
 
     def status(self) -> tuple[AxisStatus, ...]:
         """Every drive as of the last complete exchange."""
         rows = self._data.inputs.fields
         opened = self._data.safe_torque_off
-        follows = self.phase is Phase.ENABLED and self._sent_mode is _CSP
+        powered = self.phase in (Phase.ENABLED, Phase.SETTLING)
+        follows = powered and self._sent_mode is _CSP
         return tuple(
             AxisStatus(
                 joint=name,

@@ -1,7 +1,7 @@
 """The phases of the drives of a segment, one step a tick.
 
-ENABLING has two stages: all drives switched on, then all enabled. In DAMPING a drive is lost and
-the others hold zero speed.
+ENABLING has two stages: all drives switched on, then all enabled. In SETTLING the drives put the
+robot down, without those that are lost.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ class DrivePhases(PhaseMachine):
         self._confirmed = 0
         if phase is Phase.ENABLING:
             self.wanted[:] = DriveState.SWITCHED_ON
-        elif phase in (Phase.ENABLED, Phase.DAMPING):
+        elif phase in (Phase.ENABLED, Phase.SETTLING):
             self.wanted[:] = _ENABLED
         elif phase is Phase.QUICK_STOP:
             self.wanted[:] = DriveState.QUICK_STOP_ACTIVE
@@ -82,21 +82,25 @@ class DrivePhases(PhaseMachine):
             words[words == _RESET] = 0  # faults are reset on request, and by an edge
         return words
 
-    def advance(self, states: States, complete: bool, modes_confirmed: bool) -> None:
+    def why_lost(self, states: States) -> str:
+        """Return which drives have left "operation enabled" by themselves, "" if none has."""
+        return "" if states.tobytes() == self._all_enabled else self._describe(states != _ENABLED)
+
+    def advance(self, states: States, complete: bool, modes_confirmed: bool, settled: bool) -> None:
         """Move on by one tick.
 
         Args:
             states: of the drives, as last known (n,).
             complete: whether the last exchange was, so that they are of this tick.
             modes_confirmed: whether all drives have shown the mode that is asked for.
+            settled: whether the robot is down, or has had the time for it.
         """
         self._ticks += 1
-        if self.phase is Phase.ENABLED:
-            if states.tobytes() != self._all_enabled:
-                self.enter(Phase.DAMPING, self._describe(states != _ENABLED))
-                self._damp(states)
-        elif self.phase is Phase.DAMPING:
-            self._damp(states)
+        if self.phase is Phase.SETTLING:
+            lost = states != _ENABLED
+            self.wanted[lost] = DriveState.SWITCH_ON_DISABLED  # a lost drive stays off
+            if settled or lost.all():
+                self.enter(Phase.QUICK_STOP, self.reason)
         elif self.phase is Phase.ENABLING:
             self._enable(states, modes_confirmed)
         elif self.phase is Phase.QUICK_STOP:
@@ -106,12 +110,6 @@ class DrivePhases(PhaseMachine):
                 self.enter(Phase.OFF, self.reason)
         elif self.phase is Phase.RESETTING:
             self._reset(states, complete)
-
-    def _damp(self, states: States) -> None:
-        lost = states != _ENABLED
-        self.wanted[lost] = DriveState.SWITCH_ON_DISABLED  # a lost drive stays off
-        if lost.all() or self._ticks >= self._settings.fault_damping_ticks:
-            self.enter(Phase.QUICK_STOP, self.reason)
 
     def _enable(self, states: States, modes_confirmed: bool) -> None:
         """First all drives to switched on, each in the wanted mode; then all to enabled."""

@@ -186,10 +186,21 @@ class CommandedMaster(ABC):
             self._phases.enter(Phase.QUICK_STOP, reason)
 
     def emergency_stop(self, reason: str = "emergency stop") -> None:
-        """Stop, remove torque, and refuse to enable until `reset_faults`."""
+        """Bring the joints to rest, then remove torque (category 1 of IEC 60204-1).
+
+        Enabling is refused until `reset_faults`.
+        """
         self.emergency_stopped = True
         self.disable(reason)
         self._phases.reason = reason
+
+    def cut(self, reason: str) -> None:
+        """Remove torque with the next exchange (category 0): what the joints hold up falls.
+
+        Enabling is refused until `reset_faults`.
+        """
+        self.emergency_stopped = True
+        self._phases.enter(Phase.OFF, reason)
 
     def restart(self, reason: str) -> None:
         """Time starts again: forget the command and take torque off with the next exchange."""

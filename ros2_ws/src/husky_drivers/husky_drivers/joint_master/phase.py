@@ -1,8 +1,10 @@
 """The phases that all joints go through together.
 
     OFF -> ENABLING -> ENABLED
-    ENABLED -> DAMPING (a joint is lost: the others slow the robot's fall) -> QUICK_STOP -> OFF
-    ENABLING, ENABLED, DAMPING -> QUICK_STOP (no commands, wire broken, emergency stop, disable)
+    ENABLED -> SETTLING (a stop of drives: they put the robot down) -> QUICK_STOP -> OFF
+    ENABLED -> DAMPING (a stop of servos: they follow, hold or give way) -> QUICK_STOP -> OFF
+    ENABLING -> QUICK_STOP
+    any -> OFF (cut: torque goes at once)
     OFF -> RESETTING -> OFF
 
 What leads from one to the next by itself is the wire's to say: `ethercat.phases`,
@@ -21,6 +23,7 @@ class Phase(Enum):
     RESETTING = "resetting faults"
     ENABLING = "enabling"
     ENABLED = "enabled"
+    SETTLING = "settling"
     DAMPING = "damping"
     QUICK_STOP = "quick stop"
 

@@ -21,6 +21,7 @@ class BridgeOptions:
         grace: wall time that a silent controller is waited for [s].
         autostart: configure and activate at start.
         command_timeout: time without a joint command until the joints are on their own [s].
+        stop_category: of an emergency stop (IEC 60204-1), 1 or 0.
     """
 
     robot: Robot
@@ -28,6 +29,7 @@ class BridgeOptions:
     grace: float
     autostart: bool
     command_timeout: float
+    stop_category: int
 
     @property
     def lockstep(self) -> bool:
@@ -56,4 +58,6 @@ def declare_bridge(node: Node, actuation: str, master: type[CommandedMaster]) ->
     autostart = declare(node, "autostart", True, "configure and activate at start")
     what = f"time without a joint command after which all {master.devices} {master.unheard} [s]"
     timeout = declare(node, "command_timeout", 0.01, what, 0.004, 0.03)
-    return BridgeOptions(robot, pace, grace, autostart, timeout)
+    what = "category of an emergency stop (IEC 60204-1): 1 rests the joints first, 0 does not"
+    category = declare(node, "stop_category", 1, what, 0, 1)
+    return BridgeOptions(robot, pace, grace, autostart, timeout, category)

@@ -38,7 +38,8 @@ class DriveBridge(JointBridge[Master]):
         settings = self._declare_axes()
         bus = find_bus(name)(self.options.robot)
         self.add_on_set_parameters_callback(self._on_set_parameters)
-        self._serve(Master(bus, settings), find_pacer(name)(self, self, bus), "Elmo Gold Twitter")
+        master = Master(bus, settings, self.options.robot)
+        self._serve(master, find_pacer(name)(self, self, bus), "Elmo Gold Twitter")
 
     def _declare_axes(self) -> AxisSettings:
         """Declare the gains; return the numbers of the drives."""

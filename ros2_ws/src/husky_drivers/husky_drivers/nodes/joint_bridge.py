@@ -89,6 +89,7 @@ class JointBridge(OneClock, LifecycleNode, ABC, Generic[MasterT]):
         self.create_service(Trigger, graph.DRIVES_DISABLE, self._on_disable)
         self.create_service(Trigger, graph.DRIVES_RESET_FAULTS, self._on_reset_faults)
         self.create_service(Trigger, graph.DRIVES_EMERGENCY_STOP, self._on_emergency_stop)
+        self.create_service(Trigger, graph.DRIVES_CUT, self._on_cut)
         report = JointReport(master, self._controller.peer)
         self._diagnostics = diagnostics.Diagnostics(
             self, f"{device} x {len(robot.joint_names)}", lambda: report.make(self._ticks)
@@ -232,7 +233,7 @@ class JointBridge(OneClock, LifecycleNode, ABC, Generic[MasterT]):
         """Somebody else answers too: harmless if he says the same, else nobody is believed."""
         if command == self._last_command:
             raise Refused("a copy of the last command")
-        self._master.emergency_stop("two sources command the joints")
+        self._stop_all("two sources command the joints")
         self.get_logger().error(
             "two nodes answer the same joint states: emergency stop", throttle_duration_sec=1.0
         )
@@ -286,7 +287,19 @@ class JointBridge(OneClock, LifecycleNode, ABC, Generic[MasterT]):
         return self._master.reset_faults()
 
     def _on_emergency_stop(self, request: object, response: Trigger.Response) -> Trigger.Response:
-        self._master.emergency_stop()
+        response.success, response.message = True, self._stop_all("emergency stop")
+        return response
+
+    def _stop_all(self, reason: str) -> str:
+        """Stop by the category that is set; return what the joints do."""
+        if self.options.stop_category == 0:
+            self._master.cut(reason)
+            return f"{self._master.devices} lose torque at once"
+        self._master.emergency_stop(reason)
+        return f"{self._master.devices} {self._master.stopping} and lose torque"
+
+    def _on_cut(self, request: object, response: Trigger.Response) -> Trigger.Response:
+        self._master.cut("cut")
         response.success = True
-        response.message = f"{self._master.devices} {self._master.stopping} and lose torque"
+        response.message = f"{self._master.devices} lose torque at once"
         return response

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from husky_control.gait.table import Gait
-from husky_control.kinematics import LEGS
 from husky_description.arrays import Array
+from husky_description.kinematics import LEGS
 
 _SAME = 1e-9
 """Shares of the period that are no further apart are one event."""

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from husky_control.vectors import column, cross, dot, product, product_plus, scaled, vector
+from husky_description.vectors import column, cross, dot, product, product_plus, scaled, vector
 
 NUMBER = st.floats(-1e3, 1e3)
 VECTOR = st.tuples(NUMBER, NUMBER, NUMBER)

@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numba import njit
 
-from husky_control.compiled import Compiled
-from husky_control.vectors import (
+from husky_description.arrays import Array
+from husky_description.compiled import Compiled
+from husky_description.vectors import (
     Vector,
     dot,
     scaled,
@@ -24,7 +25,6 @@ from husky_control.vectors import (
     vector,
     write,
 )
-from husky_description.arrays import Array
 
 if TYPE_CHECKING:
     from husky_description.robot import Robot
@@ -90,9 +90,7 @@ def forward_kinematics(
 
 
 @njit(cache=True)
-def inverse_kinematics(
-    geometry: LegGeometry, foot_position: Array, joint_position: Array
-) -> int:
+def inverse_kinematics(geometry: LegGeometry, foot_position: Array, joint_position: Array) -> int:
     """Joint positions that place the feet; a foot out of reach is placed as near as the leg can.
 
     The knee bends backward (knee angle negative), as the robot stands.

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from husky_control.kinematics import (
+from husky_description.kinematics import (
     FootTargets,
     JointRange,
     JointTargets,

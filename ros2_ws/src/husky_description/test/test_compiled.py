@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numba import njit
 
-from husky_control.compiled import Compiled
+from husky_description.compiled import Compiled
 
 
 class Spring(NamedTuple):
