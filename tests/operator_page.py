@@ -205,5 +205,3 @@ def eventually(condition: Any, what: str, patience: float = 10.0) -> None:
     while not condition():
         assert time.monotonic() < end, f"waited for {what}"
         time.sleep(0.01)
-
-

@@ -136,9 +136,7 @@ class RobotOperator:
         """Reset the faults of the drives."""
         self.call(self._reset_client, Trigger.Request(), "reset faults")
 
-    def call(
-        self, client: Client, request: Any, what: str, outcome: Outcome | None = None
-    ) -> None:
+    def call(self, client: Client, request: Any, what: str, outcome: Outcome | None = None) -> None:
         """Call a service without waiting; note how it went when it answers.
 
         Args:
