@@ -228,8 +228,13 @@ class RobotOperator:
         self._stop_with(self._stop_client, "EMERGENCY STOP")
 
     def _cut(self) -> None:
-        """Cut the power of the drives, which lets the robot fall; then tell the controller."""
+        """Cut the power of the drives, which lets the robot fall; then tell the controller.
+
+        Where the drives cannot, they are stopped at least.
+        """
         self._stop_with(self._cut_client, "CUT")
+        if not self._cut_client.service_is_ready():
+            self.call(self._stop_client, Trigger.Request(), "EMERGENCY STOP")
 
     def _stop_with(self, client: Client, what: str) -> None:
         self._stand_up_until = 0.0
