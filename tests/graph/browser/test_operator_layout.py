@@ -86,33 +86,37 @@ def test_the_stop_is_whole_and_stays_where_it_is(
     page.evaluate("document.querySelector('main').scrollTo(0, 1e6); scrollTo(0, 1e6)")
     look()
     assert page.evaluate("[scrollX, scrollY]") == [0, 0]
-    page.evaluate("lose('a reason that is long enough to need more than one line of the banner')")
+    page.evaluate(f"socket.onmessage = null; lose('{_REFUSAL}; {_REFUSAL}')")
     look()
     assert all(place == places[0] for place in places)
     page.close()
 
 
 def test_cut_acts_when_it_is_held(console: ScriptedConsole, operator: OperatorPage) -> None:
-    """Neither a shorter press nor several of the stop cut the power."""
-    cut = operator.page.locator("#cut")
+    """Neither a shorter press nor several of the stop cut the power; by the page's own clock."""
+    page, cut = operator.page, operator.page.locator("#cut")
+    page.clock.install(time=0)
+    page.clock.pause_at(1.0)
     for _ in range(3):
         with operator.holding("cut"):
-            operator.wait(0.2)
-            assert cut.locator("i").evaluate("bar => bar.clientWidth") > 10, "its progress"
-    operator.page.locator("#stop").dblclick()
+            page.clock.run_for(450)
+            operator.until("document.querySelector('#cut.holding i').clientWidth > 10")
+    page.locator("#stop").dblclick()
     with operator.holding("cut"):
-        operator.page.mouse.move(10, 10)  # it slips off
-        operator.wait(0.7)
-    assert console.asked == ["emergency stop"] * 2
+        page.mouse.move(10, 10)  # it slips off
+        page.clock.run_for(2000)
+    eventually(lambda: console.asked == ["emergency stop"] * 2, "both presses of the stop")
     with operator.holding("cut"):
-        operator.wait(0.45)
-        assert "cut" not in console.asked
+        page.clock.run_for(450)
+        assert cut.evaluate("cut => cut.matches('.holding')") and "cut" not in console.asked
+        page.clock.run_for(100)
         eventually(lambda: "cut" in console.asked, "a cut")
-        operator.wait(0.7)
+        page.clock.run_for(2000)
     cut.focus()
-    operator.page.keyboard.down("Enter")
-    eventually(lambda: console.asked.count("cut") == 2, "a cut by the keyboard")
-    operator.page.keyboard.up("Enter")
+    page.keyboard.down("Enter")
+    page.clock.run_for(550)
+    page.keyboard.up("Enter")
+    eventually(lambda: len(console.asked) == 4, "a cut by the keyboard")
     assert console.asked[2:] == ["cut"] * 2
 
 
@@ -147,11 +151,24 @@ def test_a_stick_tells_why_it_moves_nothing(
     with operator.holding("turn", right=30.0):
         assert operator.words("obstacle") == "it lies: press Stand up"
         assert operator.words("next") == "this moves nothing: it lies: press Stand up"
-    for state, why in ((known("carbon", "walk", silence=9.0), "9 s"), ("", "no connection")):
-        if state:
-            console.tell(state)
-            operator.until_in("silent")
-        else:
-            operator.page.evaluate("lose('gone')")
-        with operator.holding("move", down=-30.0):
-            assert why in operator.words("obstacle")
+    console.tell(known("carbon", "walk", silence=9.0))
+    operator.until_in("silent")
+    with operator.holding("move", down=-30.0):
+        assert "9 s" in operator.words("obstacle")
+
+
+def test_a_stop_that_cannot_be_sent_is_told(browser: Any) -> None:
+    console = ScriptedConsole()
+    console.tell(known("carbon", "stand"))
+    operator = OperatorPage(browser, console, (844, 390))
+    operator.until_in("standing")
+    place = stands_whole(operator.page)
+    console.close()
+    operator.until("document.body.classList.contains('lost')")
+    operator.page.locator("#stop").click()
+    assert "emergency stop: not sent, no connection" in operator.words("said")
+    with operator.holding("move", down=-30.0):
+        assert operator.words("obstacle") == "no connection to the robot"
+    assert operator.words("state") == "no connection"
+    assert stands_whole(operator.page) == place
+    operator.page.close()

@@ -178,6 +178,8 @@ def _fallen(known: Known) -> RobotState:
 def _flying(known: Known, mode: str) -> RobotState:
     step = _choice(known.requests, " to land") or "wait until it has landed"
     obstacle = "" if mode in _STEERED_IN_FLIGHT else f"it flies in mode {mode}: {step}"
+    if _is_stopped(known.drives):
+        obstacle = f"its joints have stopped in flight: {step}"
     return RobotState(Kind.FLYING, "flying", step, None, obstacle)
 
 

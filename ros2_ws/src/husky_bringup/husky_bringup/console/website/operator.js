@@ -16,6 +16,7 @@ const held = { move: null, turn: null, keys: new Set(), pad: false };
 let meaning = { motion_keys: {}, action_keys: {} };
 let socket, beat = 0, heard = 0, said = 0, wasHeld = true;
 let robot = {}, told = {}; // the last words on the robot, and on this operator
+let unsent = null; // refusal of what could not be sent, until something can
 
 // The connection ------------------------------------------------------------------------------
 function connect() {
@@ -29,13 +30,9 @@ function connect() {
   };
 }
 
-// A word that cannot be sent is refused here, with the time.
 function send(word) {
-  if (socket.readyState === WebSocket.OPEN) return socket.send(JSON.stringify(word));
-  lose("no connection to the robot");
-  const at = new Date().toTimeString().slice(0, 8);
-  told = { refused: true, at, said: `${word.value || "stick"}: not sent, no connection to the robot` };
-  tell();
+  if (socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(word));
+  else lose("no connection to the robot");
 }
 
 function lose(why) {
@@ -47,7 +44,11 @@ function lose(why) {
 }
 
 function ask(what, value) {
+  const isSent = socket.readyState === WebSocket.OPEN;
+  const at = new Date().toTimeString().slice(0, 8);
+  unsent = isSent ? null : { refused: true, at, said: `${value}: not sent, no connection to the robot` };
   send({ type: "ask", what, value, beat });
+  tell();
 }
 
 function write(place, text) {
@@ -72,8 +73,9 @@ function take(message) {
 
 // The outcome of the last request of this operator; and why what is held moves nothing.
 function tell() {
-  write("said", told.said ? `${told.at} ${told.said}`.trim() : "");
-  find("said").classList.toggle("refused", Boolean(told.refused));
+  const outcome = unsent || told;
+  write("said", outcome.said ? `${outcome.at} ${outcome.said}`.trim() : "");
+  find("said").classList.toggle("refused", Boolean(outcome.refused));
   const isHeld = (held.pad && told.holds) || held.move || held.turn || held.keys.size;
   const isLost = document.body.classList.contains("lost");
   const why = isHeld ? (isLost ? "no connection to the robot" : robot.obstacle || told.obstacle) : "";
