@@ -27,8 +27,8 @@ NEEDED = (
     "no Chromium: sudo apt install chromium, or python -m playwright install chromium "
     f"({VARIABLE} names another one)"
 )
-SIZE = (1000, 640)
-"""Of the page [pixels]: without a graphics processor each of them takes its time."""
+SIZE = (1000, 752)
+"""Of the page [pixels]: without a graphics processor each of the picture's takes its time."""
 _NAMES = ("chromium", "chromium-browser", "google-chrome")
 _OPTIONS = ("--use-gl=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist")
 """There need be no graphics processor."""

@@ -17,11 +17,17 @@ from husky_msgs.msg import (
     ModeTable,
     PropulsionState,
 )
-from husky_msgs.srv import SetFlightMode, SetGait, SetMode
+from husky_msgs.srv import ResetWorld, SetFlightMode, SetGait, SetMode
 from husky_runtime import graph
 from husky_runtime.nodes import qos
 
-MODES = {"passive": ["stand_up"], "stand": ["walk", "sit"], "walk": ["stand"], "sit": ["stand_up"]}
+MODES = {
+    "passive": ["stand_up", "righting"],
+    "stand": ["walk", "sit"],
+    "walk": ["stand"],
+    "sit": ["stand_up"],
+    "righting": [],
+}
 """Modes, and what may be asked for in them."""
 
 
@@ -55,9 +61,11 @@ class NotingRobot:
             graph.DRIVES_DISABLE,
             graph.DRIVES_RESET_FAULTS,
             graph.DRIVES_EMERGENCY_STOP,
+            graph.DRIVES_CUT,
             graph.PROPULSION_KILL,
         ):
             node.create_service(Trigger, name, self._trigger(name))
+        node.create_service(ResetWorld, graph.PLANT_RESET, self._on_reset)
         make = node.create_publisher
         self.states = make(ControllerState, graph.CONTROLLER_STATE, qos.STATUS)
         self._drives_publisher = make(DriveStatusArray, graph.DRIVES_STATUS, qos.STATUS)
@@ -96,6 +104,11 @@ class NotingRobot:
 
     def _on_flight_mode(self, request: Any, response: Any) -> Any:
         self.calls.append(request.mode)
+        response.success = True
+        return response
+
+    def _on_reset(self, request: Any, response: Any) -> Any:
+        self.calls.append(f"reset {request.keyframe!r} {request.seed}")
         response.success = True
         return response
 

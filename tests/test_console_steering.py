@@ -28,6 +28,7 @@ pytestmark = pytest.mark.graph
 AHEAD = [1.0, 0.0, 0.0]
 ZERO = (0.0, 0.0, 0.0)
 STOPPED = {"emergency_stop", graph.DRIVES_EMERGENCY_STOP}
+CUT = {"emergency_stop", graph.DRIVES_CUT}
 
 
 class SteeredBench(ConsoleBench):
@@ -135,6 +136,7 @@ def test_an_operator_is_told_how_things_stand(console: SteeredBench) -> None:
     console.wait(lambda: operator.robot.get("why") == "stand requested", "the mode")
     console.wait(lambda: operator.robot.get("modes"), "the table")
     told = operator.robot
+    assert told["kind"] == "standing" and "reset simulation" in str(told["actions"])
     assert told["mode"] == "stand" and told["gait"] == "trot" and told["drives"] == "enabled"
     assert [mode["name"] for mode in told["modes"] if mode["possible"]] == ["walk", "sit"]
     assert told["gaits"] == ["trot", "crawl"] and "fans" not in told
@@ -149,7 +151,7 @@ def test_an_operator_is_told_how_things_stand(console: SteeredBench) -> None:
 @pytest.mark.parametrize(
     ("what", "value", "calls"),
     [
-        ("mode", "sit", ["sit"]),
+        ("action", "right itself", ["righting"]),
         ("mode", "no such mode", ["no such mode"]),  # the controller refuses it
         ("gait", "crawl", ["gait crawl"]),
         ("drives", "enable", [graph.DRIVES_ENABLE]),
@@ -160,6 +162,7 @@ def test_an_operator_is_told_how_things_stand(console: SteeredBench) -> None:
         ("fans", "kill", [graph.PROPULSION_KILL]),
         ("flight mode", "OFFBOARD", ["OFFBOARD"]),
         ("action", "sit down", ["sit"]),
+        ("action", "reset simulation", ["reset '' -1"]),
         ("action", "next gait", ["gait crawl"]),
     ],
 )
@@ -179,22 +182,23 @@ def test_standing_up_enables_the_drives_first(console: SteeredBench) -> None:
     console.asks("action", "stand up", graph.DRIVES_ENABLE, "stand_up")
 
 
-def test_a_refusal_is_told_with_its_reason(console: SteeredBench) -> None:
-    operator = console.operator()
+def test_a_refusal_is_told_to_who_caused_it(console: SteeredBench) -> None:
+    operator, other = console.operator(), console.operator()
     operator.ask("mode", "stand")
-    console.wait(
-        lambda: operator.robot.get("said") == "stand: refused, already in stand", "the reason"
-    )
+    said = "stand: refused, already in stand"
+    console.wait(lambda: operator.state["said"] == said, "the reason")
+    assert operator.state["refused"] and len(operator.state["at"]) == len("12:34:56")
+    beat = other.state["beat"]
+    console.wait(lambda: other.state["beat"] > beat + 1, "words to the other")
+    assert other.state["said"] == "" and not other.state["refused"]
 
 
-@pytest.mark.parametrize(
-    ("what", "value"), [("mood", "sit"), ("action", "jump"), ("fans", ""), ("", "")]
-)
+@pytest.mark.parametrize(("what", "value"), [("mood", "sit"), ("action", "jump"), ("", "")])
 def test_what_is_not_there_is_asked_of_nobody(console: SteeredBench, what: str, value: str) -> None:
     operator = console.operator()
     operator.ask(what, value)
     said = f"there is nothing called {what} {value}"
-    console.wait(lambda: operator.robot.get("said") == said, "that there is no such thing")
+    console.wait(lambda: operator.state["said"] == said, "that there is no such thing")
     assert console.robot.calls == []
 
 
@@ -204,10 +208,11 @@ def test_what_was_long_under_way_is_not_done(console: SteeredBench, beat: int) -
     word = {"type": "ask", "what": "mode", "value": "sit", "beat": beat}
     operator.send_raw(json.dumps(word))
     said = "sit: came too late, ask again"
-    console.wait(lambda: operator.robot.get("said") == said, "that it is too late")
+    console.wait(lambda: operator.state["said"] == said, "that it is too late")
     assert console.robot.calls == []
-    operator.send_raw(json.dumps(word | {"what": "action", "value": "emergency stop"}))
-    console.wait(lambda: set(console.robot.calls) == STOPPED, "the stop of both")
+    value, calls = ("cut", CUT) if beat else ("emergency stop", STOPPED)
+    operator.send_raw(json.dumps(word | {"what": "action", "value": value}))
+    console.wait(lambda: set(console.robot.calls) == calls, "the stop of both")
 
 
 @pytest.mark.parametrize(
@@ -228,12 +233,12 @@ def test_an_emergency_stop_that_the_drives_refuse_is_told(console: SteeredBench)
     try:
         operator.ask("action", "emergency stop")
         said = "EMERGENCY STOP: refused, it is broken; emergency stop: done"
-        console.wait(lambda: operator.robot.get("said") == said, "both outcomes")
+        console.wait(lambda: operator.state["said"] == said, "both outcomes")
     finally:
         console.robot.broken = set()
 
 
-def test_an_emergency_stop_goes_before_what_was_asked_by_three_hundred_words(
+def test_stops_go_before_what_was_asked_by_three_hundred_words(
     console: SteeredBench,
 ) -> None:
     """Another's words wait in his connection; those that wait at the node are forgotten."""
@@ -241,7 +246,8 @@ def test_an_emergency_stop_goes_before_what_was_asked_by_three_hundred_words(
     for _ in range(300):
         flood.ask("mode", "sit")
     operator.ask("action", "emergency stop")
-    console.wait(lambda: set(console.robot.calls) >= STOPPED, "the stop of both")
+    operator.ask("action", "cut")
+    console.wait(lambda: set(console.robot.calls) >= STOPPED | CUT, "both stops")
     assert console.robot.calls.count("sit") < 200
 
 

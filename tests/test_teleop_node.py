@@ -136,6 +136,21 @@ def test_an_operator_at_the_keyboard(bench: Bench) -> None:
     recovered = {"passive", graph.DRIVES_RESET_FAULTS}
     bench.until(lambda: set(robot.calls[-2:]) == recovered, "recovery of both")
 
+    bench.type("t")
+    bench.until(lambda: robot.calls[-1] == "righting", "righting")
+    bench.type("t")
+    bench.until(lambda: "righting: refused, already in righting\r\n" in bench.seen, "why not")
+    bench.type("CCn")
+    bench.until(lambda: robot.calls[-1] == "reset '' -1", "a new world")
+    assert graph.DRIVES_CUT not in robot.calls, "a key that is not held"
+    cut = {"emergency_stop", graph.DRIVES_CUT}
+
+    def hold_the_key() -> bool:
+        bench.type("C")
+        return set(robot.calls[-2:]) == cut
+
+    bench.until(hold_the_key, "no power")
+
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_the_end_stops_the_robot_and_restores_the_terminal(

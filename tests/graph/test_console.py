@@ -73,7 +73,7 @@ def test_an_operator_stands_the_robot_up_walks_and_is_lost(
         robot.until(condition, what, within=20.0, step=0.1)
 
     def stands() -> bool:
-        if operator.robot["said"].endswith("is not there"):  # not discovered by the console yet
+        if operator.state["said"].endswith("is not there"):  # not discovered by the console yet
             operator.ask("action", "stand up")
         return bool(operator.robot["mode"] == "stand")
 
@@ -175,7 +175,7 @@ def test_an_emergency_stop_beside_pages_that_do_not_read(
             trotting.advance(0.5)
         record_property("reaction_s", trotting.torque_ends(stopped))
     assert trotting.session.drives.emergency_stop, trotting.seen
-    operator.ask("action", "recover from a fault or an emergency stop")
+    operator.ask("action", "recover")
     trotting.until(lambda: trotting.mode == "passive", "passive", within=20.0, step=0.1)
     trotting.recover()
 

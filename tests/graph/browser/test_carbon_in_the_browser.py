@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 from browser_page import pixels_of
+from operator_page import SIZES, out_of_reach, stands_whole
 from rcl_interfaces.srv import GetParameters
 
 from husky_runtime import graph
@@ -27,11 +28,25 @@ def test_it_stands_up_by_its_button(robot: Any, page: Any, shown: Any) -> None:
     shown(robot, lambda: page.lit("modes") == ["passive"], "the mode")
     shown(robot, lambda: page.robot().height > 0, "the robot")
     sitting = page.robot()
+    shown(robot, lambda: page.words("state") == "lying", "the word of it")
+    assert page.words("next") == "press Stand up"
     page.press("stand up")
     shown(robot, lambda: page.lit("modes") == ["stand"], "that it stands")
     assert robot.stands and robot.height > 0.5
     assert "enabled" in page.words("drives")
+    shown(robot, lambda: page.words("state") == "standing", "the word of it")
     shown(robot, lambda: page.robot().height > 1.7 * sitting.height, "a taller robot")
+
+
+def test_the_stop_is_whole_on_each_screen(robot: Any, page: Any, shown: Any) -> None:
+    """Beside the robot's own picture; in every state: `test_operator_layout.py`."""
+    shown(robot, lambda: page.lit("modes"), "the mode")
+    for width, height in SIZES:
+        page.page.set_viewport_size({"width": width, "height": height})
+        place = stands_whole(page.page)
+        stands_whole(page.page, "cut")
+        assert out_of_reach(page.page) == []
+        assert stands_whole(page.page) == place
 
 
 def test_it_walks_while_the_stick_is_held(standing: Any, page: Any, shown: Any) -> None:
@@ -76,8 +91,9 @@ def test_an_emergency_stop(standing: Any, page: Any, shown: Any, how: str) -> No
         page.page.keyboard.press("x")
     shown(standing, lambda: standing.session.drives.emergency_stop, "the emergency stop")
     shown(standing, lambda: page.words("drives").endswith("EMERGENCY STOP"), "the word of it")
+    shown(standing, lambda: page.words("next") == "press Recover", "the next step")
     shown(standing, lambda: page.robot().height < 0.8 * stood.height, "a robot that lies")
-    page.press("recover from a fault or an emergency stop")
+    page.press("recover")
     shown(standing, lambda: page.lit("modes") == ["passive"], "passive")
     standing.recover()
 

@@ -18,7 +18,7 @@ pytestmark = [
     pytest.mark.skipif(_DIRECTORY is None, reason="HUSKY_PICTURES names no directory"),
 ]
 
-_SIZE, _TALL = (1280, 800), (1280, 1180)
+_SIZE, _TALL = (1280, 800), (1280, 1290)
 """Of the page [pixels], and where the whole panel is to be seen."""
 _STEP, _PAUSE = 0.02, 0.1
 """By which the world goes on meanwhile, and wall time between two steps [s]."""

@@ -16,8 +16,11 @@ class Action(Enum):
     WALK = "walk"
     STOP = "stop walking"
     NEXT_GAIT = "next gait"
-    RECOVER = "recover from a fault or an emergency stop"
+    RECOVER = "recover"
+    RIGHTING = "right itself"
+    RESET_SIMULATION = "reset simulation"
     EMERGENCY_STOP = "emergency stop"
+    CUT = "cut"
 
 
 @dataclass(frozen=True)
@@ -59,18 +62,28 @@ ACTION_KEYS: dict[str, Action] = {
     "j": Action.SIT,
     "g": Action.NEXT_GAIT,
     "r": Action.RECOVER,
+    "t": Action.RIGHTING,
+    "n": Action.RESET_SIMULATION,
     "x": Action.EMERGENCY_STOP,
 }
+
+CUT_KEY = "C"
+"""Key that cuts the power while it is held; a capital, far from that of the emergency stop."""
 
 _ESCAPES = {"\x1b[A": "w", "\x1b[B": "s", "\x1b[C": "e", "\x1b[D": "q"}
 """Arrow keys as terminals send them: up, down, right, left."""
 
 HELP = """hold:  w s forward, back    a d left, right    q e turn    (or the arrow keys)
-press: u stand up   j sit   g next gait   space stop   r recover   x EMERGENCY STOP"""
+press: u stand up   j sit   g next gait   space stop   r recover   t right itself
+       n reset simulation   x EMERGENCY STOP
+hold C for 1 s: CUT the power (category 0 of IEC 60204-1): the robot falls"""
 
 
 def split_keys(text: str) -> list[str]:
-    """Return the keys in what a terminal has sent, arrow keys as the letters they stand for."""
+    """Return the keys in what a terminal has sent, arrow keys as the letters they stand for.
+
+    Capitals are small letters (caps lock must not disable the emergency stop), except `CUT_KEY`.
+    """
     keys = []
     while text:
         escape = next((known for known in _ESCAPES if text.startswith(known)), None)
@@ -78,7 +91,7 @@ def split_keys(text: str) -> list[str]:
             keys.append(_ESCAPES[escape])
             text = text[len(escape) :]
         else:
-            keys.append(text[0].lower())
+            keys.append(text[0] if text[0] == CUT_KEY else text[0].lower())
             text = text[1:]
     return keys
 
@@ -127,6 +140,36 @@ class DeadMan:
         return Velocity() if now < self._until + self._release else None
 
 
+class HeldKey:
+    """A key that acts when it has been held, as a terminal tells it: by its repeats.
+
+    One press or two never act. Keyboards repeat a held key after 0.25 to 0.66 s, then ten to forty
+    times a second.
+    """
+
+    def __init__(self, period: float = 0.5, pause: float = 0.7, least: int = 3):
+        """The key is up.
+
+        Args:
+            period: from the first press to the one that acts, at least [s].
+            pause: longest between two presses of one hold [s].
+            least: presses of a hold, at least.
+        """
+        self._period, self._pause, self._least = period, pause, least
+        self._presses = 0
+        self._first = self._last = -math.inf
+
+    def press(self, now: float) -> bool:
+        """Take a press or a repeat at a time [s]; return whether it acts, once in a hold."""
+        if now - self._last > self._pause:
+            self._presses, self._first = 0, now
+        self._presses, self._last = self._presses + 1, now
+        if self._presses < self._least or now - self._first < self._period:
+            return False
+        self._first = math.inf
+        return True
+
+
 class Keyboard:
     """Keys to velocities. A terminal tells presses and repeats, not releases."""
 
@@ -141,6 +184,7 @@ class Keyboard:
         self._limits = limits
         self._share = Velocity()
         self._dead_man = DeadMan(hold, release)
+        self._cut = HeldKey()
 
     def key(self, key: str, now: float) -> Action | None:
         """Take a key at a time [s]; return the action that it stands for.
@@ -157,6 +201,8 @@ class Keyboard:
             self._dead_man.press(self._share.scaled(self._limits), now)
             return None
         action = ACTION_KEYS.get(key)
+        if key == CUT_KEY and self._cut.press(now):
+            action = Action.CUT
         if action is not None and action is not Action.NEXT_GAIT:
             self._dead_man.let_go(now)
         return action

@@ -161,6 +161,24 @@ def test_the_robot_follows_who_drives_first(page: Page) -> None:
     assert page.operators.beat(other.operator, page.now + 0.1)[2] == ""
 
 
+def test_each_is_told_why_he_moves_nothing(page: Page) -> None:
+    other = Page(page.operators)
+
+    def why(each: Page) -> str:
+        return page.operators.beat(each.operator, each.now).obstacle
+
+    page.says(stick=AHEAD)
+    other.says(stick=AHEAD)
+    assert (why(page), why(other)) == ("", "somebody else drives")
+    page.operators.stop(page.now)
+    assert why(page) == "let all go, then push again"
+    page.says()
+    assert why(page) == ""
+    page.says(stick=AHEAD, late=0.6)
+    assert why(page) == "your words come too late"
+    assert page.operators.beat(page.operator, page.now).holds
+
+
 def test_a_stop_bars_all_of_them_until_they_let_go(page: Page) -> None:
     other = Page(page.operators)
     for each in (page, other):

@@ -11,9 +11,11 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, ru
 
 from husky_bringup.teleop_mapping import (
     ACTION_KEYS,
+    CUT_KEY,
     HELP,
     MOTION_KEYS,
     Action,
+    HeldKey,
     Joystick,
     JoystickLayout,
     Keyboard,
@@ -75,7 +77,7 @@ def test_keys_add_up_and_the_opposite_turns_round() -> None:
     assert keyboard.command(5.0) == Velocity(left=0.3), "what was let go is forgotten"
 
 
-@pytest.mark.parametrize("key", [" ", "x", "j", "u", "r"])
+@pytest.mark.parametrize("key", [" ", "x", "j", "u", "r", "t", "n"])
 def test_actions_end_the_motion(key: str) -> None:
     keyboard = Keyboard(LIMITS)
     keyboard.key("w", 0.0)
@@ -99,7 +101,8 @@ def test_unknown_keys_do_nothing() -> None:
 
 
 def test_arrow_keys_and_capitals() -> None:
-    assert split_keys("W\x1b[Aa\x1b[D\x1b[B\x1b[Cx ") == ["w", "w", "a", "q", "s", "e", "x", " "]
+    assert split_keys("W\x1b[Aa\x1b[D\x1b[B\x1b[CX ") == ["w", "w", "a", "q", "s", "e", "x", " "]
+    assert split_keys("cC") == ["c", CUT_KEY]
     assert split_keys("") == []
 
 
@@ -110,9 +113,34 @@ def test_any_input_is_split(text: str) -> None:
 
 def test_the_help_names_every_key() -> None:
     shown = HELP.replace("space", " ").split()
-    for key in [*MOTION_KEYS, *ACTION_KEYS]:
+    for key in [*MOTION_KEYS, *ACTION_KEYS, CUT_KEY]:
         assert key in shown or key == " "
     assert "space" in HELP
+
+
+@pytest.mark.parametrize(
+    ("times", "acts"),
+    [
+        ([0.0], []),
+        ([0.0, 0.6], []),  # a double press, however slow
+        ([0.0, 0.05, 0.1, 0.15], []),
+        ([0.0, 0.25, 0.28, 0.31, 0.49, 0.51, 0.54], [0.51]),
+        ([0.0, 0.66, 0.69, 0.72], [0.69]),  # the slowest keyboard
+        ([0.0, 0.2, 0.95, 1.15], []),  # let go in between
+        ([0.0, 0.3, 0.6, 0.9, 1.2, 5.0, 5.3, 5.6], [0.6, 5.6]),
+    ],
+)
+def test_a_key_acts_once_when_it_has_been_held(times: list[float], acts: list[float]) -> None:
+    key = HeldKey()
+    assert [now for now in times if key.press(now)] == acts
+
+
+def test_power_is_cut_by_a_key_that_is_held() -> None:
+    keyboard = Keyboard(LIMITS)
+    keyboard.key("w", 0.0)
+    assert [keyboard.key(CUT_KEY, now) for now in (0.1, 0.4)] == [None, None]
+    assert keyboard.key(CUT_KEY, 0.7) is Action.CUT
+    assert keyboard.command(0.7) == STOP
 
 
 class OperatorAtTheKeys(RuleBasedStateMachine):

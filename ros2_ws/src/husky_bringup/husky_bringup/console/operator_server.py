@@ -21,7 +21,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
 from husky_bringup.console.operators import Ask, Operator, Operators, read_word
-from husky_bringup.teleop_mapping import ACTION_KEYS, MOTION_KEYS, Action
+from husky_bringup.teleop_mapping import ACTION_KEYS, MOTION_KEYS
 
 PLACE = "/operator"
 """Where the websocket is."""
@@ -51,18 +51,20 @@ _LOGGER.propagate = False  # who is no browser is told so, and counted
 class OperatorServer:
     """Serves the page, and hears what operators hold and ask for.
 
+    Each is told the outcome of his own requests alone.
+
     Attributes:
         port: that it listens on, on this machine.
         robot: what each of them is told of the robot, as JSON; whoever knows it may set it.
         refused: words that were none.
     """
 
-    def __init__(self, operators: Operators, ask: Callable[[Ask, float], None]):
+    def __init__(self, operators: Operators, ask: Callable[[Operator, Ask, float], None]):
         """Serve.
 
         Args:
             operators: that hold something.
-            ask: takes what one asks for, in the server's thread, and how old that is [s].
+            ask: takes who asks, for what, and how old that is [s], in the server's thread.
         """
         self._operators, self._ask = operators, ask
         self.robot = b"{}"
@@ -136,21 +138,26 @@ class OperatorServer:
     def _take(self, operator: Operator, data: str | bytes) -> None:
         word, now = read_word(data), time.monotonic()
         if isinstance(word, Ask):
-            self._ask(word, self._operators.age(operator, word.beat, now))
+            self._ask(operator, word, self._operators.age(operator, word.beat, now))
             return
         for action in self._operators.hold(operator, word, now):
-            self._ask(Ask("action", action.value), operator.delay)
+            self._ask(operator, Ask("action", action.value), operator.delay)
 
     async def _tell(self, connection: ServerConnection, operator: Operator) -> None:
         """Tell a browser what keys mean, then again and again how things stand."""
         with contextlib.suppress(ConnectionClosed):
             await connection.send(_HELLO)
             while True:
-                beat, delay, driver = self._operators.beat(operator, time.monotonic())
+                beat, outcome = self._operators.beat(operator, time.monotonic()), operator.outcome
                 state = {
-                    "beat": beat,
-                    "delay": round(delay, 3) if delay < _LONG else None,
-                    "driver": driver,
+                    "beat": beat.number,
+                    "delay": round(beat.delay, 3) if beat.delay < _LONG else None,
+                    "driver": beat.driver,
+                    "holds": beat.holds,
+                    "obstacle": beat.obstacle,
+                    "said": outcome.text,
+                    "refused": outcome.refused,
+                    "at": outcome.time,
                     "robot": msgspec.Raw(self.robot),
                 }
                 await connection.send(msgspec.json.encode(state).decode())
@@ -163,6 +170,5 @@ _HELLO = msgspec.json.encode(
     {
         "motion_keys": {key: (v.forward, v.left, v.yaw) for key, v in MOTION_KEYS.items()},
         "action_keys": {key: action.value for key, action in ACTION_KEYS.items()},
-        "actions": [action.value for action in Action],
     }
 ).decode()

@@ -12,11 +12,12 @@ import math
 import threading
 from collections import deque
 from dataclasses import astuple, dataclass
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import msgspec
 from msgspec import Meta
 
+from husky_bringup.outcome import Outcome
 from husky_bringup.teleop_mapping import (
     MOTION_KEYS,
     RELEASE,
@@ -98,11 +99,32 @@ class Rules:
     silence: float
 
 
+class Beat(NamedTuple):
+    """A beat that is sent to an operator.
+
+    Attributes:
+        number: that he sends back with his next word.
+        delay: how long his last word and its beat were under way together [s].
+        driver: "you", "another", or "" while nobody drives.
+        holds: he holds a stick, keys or the gamepad's dead-man button.
+        obstacle: why that moves nothing as far as operators go, "" where it does.
+    """
+
+    number: int
+    delay: float
+    driver: str
+    holds: bool
+    obstacle: str
+
+
 class Operator:
     """One page. At its beginning, and after a button that ends a motion, all must be let go first.
 
     Attributes:
         delay: how long the last word and its beat were under way together [s].
+        outcome: of what he asked for last.
+        holds: whether something was held in the last word, barred or not.
+        is_barred: whether all must be let go before anything counts.
     """
 
     def __init__(self, rules: Rules):
@@ -112,9 +134,11 @@ class Operator:
         self._joystick = Joystick(rules.limits, rules.layout, rules.silence)
         self._beats: deque[tuple[int, float]] = deque(maxlen=_BEATS)
         self._count = itertools.count(1)
-        self._is_barred = True
+        self.is_barred = True
         self._speed = 1.0
         self.delay = 0.0
+        self.outcome = Outcome()
+        self.holds = False
 
     def beat(self, now: float) -> int:
         """Return the number of the beat that is sent at a time [s]."""
@@ -135,9 +159,10 @@ class Operator:
         share, pad = _share(word), word.pad
         dead_man = self._rules.layout.dead_man
         holds_pad = pad is not None and any(pad.buttons[max(dead_man, 0) : dead_man + 1])
-        self._is_barred = self._is_barred and (share is not None or holds_pad)
+        self.holds = share is not None or holds_pad
+        self.is_barred = self.is_barred and self.holds
         self._speed = word.speed
-        if share is None or self._is_barred:
+        if share is None or self.is_barred:
             self._dead_man.let_go(now)
         else:
             self._dead_man.press(share.scaled(self._rules.limits), now)
@@ -145,7 +170,7 @@ class Operator:
             self._joystick.lose(now)
             return []
         buttons = [
-            down and not (self._is_barred and place == dead_man)
+            down and not (self.is_barred and place == dead_man)
             for place, down in enumerate(pad.buttons)
         ]
         return self._joystick.joy(pad.axes, buttons, now)
@@ -154,7 +179,7 @@ class Operator:
         """End what is held now [s], until all has been let go."""
         self._dead_man.let_go(now)
         self._joystick.let_go(now)
-        self._is_barred = True
+        self.is_barred = True
 
     def held(self, now: float) -> bool:
         """Return whether he drives at a time [s]."""
@@ -215,12 +240,24 @@ class Operators:
         with self._lock:
             return operator.age(beat, now)
 
-    def beat(self, operator: Operator, now: float) -> tuple[int, float, str]:
-        """Return the beat to send him at a time [s], his delay [s], and who drives for him."""
+    def beat(self, operator: Operator, now: float) -> Beat:
+        """Return the beat to send him at a time [s]."""
         with self._lock:
             driver = self._choose(now)
             drives = "" if driver is None else "you" if driver is operator else "another"
-            return operator.beat(now), operator.delay, drives
+            obstacle = ""
+            if operator.delay > self._rules.silence:
+                obstacle = "your words come too late"
+            elif operator.is_barred:
+                obstacle = "let all go, then push again"
+            elif drives == "another":
+                obstacle = "somebody else drives"
+            return Beat(operator.beat(now), operator.delay, drives, operator.holds, obstacle)
+
+    @property
+    def driver(self) -> Operator | None:
+        """The one whom the robot followed last, None before anybody drove."""
+        return self._driver
 
     def stop(self, now: float) -> None:
         """End what any of them holds now [s], until they have let go."""

@@ -22,6 +22,7 @@ from husky_bringup.console.panels import Facts, Reports, drives_in_words, fans_i
 from husky_bringup.console.parameter_panel import ParameterPanel, ParameterSource
 from husky_bringup.console.plots import Plot
 from husky_bringup.console.scene import Scene
+from husky_bringup.robot_state import SILENT
 from husky_description.rotation import to_roll_pitch_yaw
 from husky_msgs.msg import ControllerState, DriveStatusArray, PropulsionState
 from husky_runtime import graph
@@ -30,8 +31,6 @@ PARAMETER_EVENTS = "/parameter_events"
 """The topic on which every node of ROS tells of its parameters."""
 _SLOWER = 8
 """Drawings of the picture to one of plots and words."""
-SILENT = 2.0
-"""Wall time without a word from the robot after which people are told so [s]."""
 
 
 class Page:

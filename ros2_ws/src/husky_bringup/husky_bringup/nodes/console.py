@@ -106,6 +106,7 @@ class Console(OneClock, Node):
 
     def _listen(self) -> None:
         """Subscribe to what the page shows; what is latched comes at once."""
+        self._steering.forget()
         for row in (*graph.TOPICS, _PARAMETER_EVENTS):
             if row.relative in (*SOURCES, *page.SOURCES):
                 topic = replace(row, relative=self.resolve_topic_name(row.relative))

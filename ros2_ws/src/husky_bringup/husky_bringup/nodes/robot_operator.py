@@ -13,9 +13,11 @@ from rclpy.node import Node
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
+from husky_bringup.outcome import Outcome
+from husky_bringup.robot_state import RIGHTING, STEPPING, Known
 from husky_bringup.teleop_mapping import Action, JoystickLayout, Velocity, next_gait
-from husky_msgs.msg import ControllerState, DriveStatusArray
-from husky_msgs.srv import SetGait, SetMode
+from husky_msgs.msg import ControllerState, DriveStatusArray, ModeTable
+from husky_msgs.srv import ResetWorld, SetGait, SetMode
 from husky_runtime import graph
 from husky_runtime.nodes import qos
 from husky_runtime.nodes.parameters import declare
@@ -34,19 +36,23 @@ class RobotOperator:
     Time here is the operator's, so it is wall time. A service that is not there or refuses is told.
 
     Attributes:
-        state: what the controller has said last, given by the node; None for nothing yet.
-        drives: the same of the joints.
+        drives: what the joints' drives have said last, given by the node; None for nothing yet.
+        table: the robot's modes, likewise.
         gaits: to choose from, in order.
+        outcome: of what is asked for from now on; a new request has a new one.
     """
 
     def __init__(self, node: Node):
         """Find the robot's topic and services, and say which action calls what."""
         self._node = node
-        self.state: ControllerState | None = None
         self.drives: DriveStatusArray | None = None
+        self.table = ModeTable()
         self.gaits: Sequence[str] = ()
-        self._outcomes: dict[str, str] = {}
+        self.outcome = Outcome()
+        self._state: ControllerState | None = None
+        self._heard = time.monotonic()
         self._stand_up_until = 0.0
+        self._standing_up = Outcome()
         self._not_followed = 0
         self._publisher = node.create_publisher(Twist, graph.CMD_VEL, qos.COMMAND)
         self._mode_client = node.create_client(SetMode, graph.SET_MODE)
@@ -54,6 +60,8 @@ class RobotOperator:
         self._enable_client = node.create_client(Trigger, graph.DRIVES_ENABLE)
         self._reset_client = node.create_client(Trigger, graph.DRIVES_RESET_FAULTS)
         self._stop_client = node.create_client(Trigger, graph.DRIVES_EMERGENCY_STOP)
+        self._cut_client = node.create_client(Trigger, graph.DRIVES_CUT)
+        self._reset_world_client = node.create_client(ResetWorld, graph.PLANT_RESET)
         self._actions: dict[Action, Callable[[], None]] = {
             Action.STAND_UP: self._stand_up,
             Action.SIT: lambda: self.set_mode("sit"),
@@ -61,8 +69,25 @@ class RobotOperator:
             Action.STOP: self._stop,
             Action.NEXT_GAIT: self._next_gait,
             Action.RECOVER: self._recover,
+            Action.RIGHTING: self._right_itself,
+            Action.RESET_SIMULATION: self._reset_simulation,
             Action.EMERGENCY_STOP: self._emergency_stop,
+            Action.CUT: self._cut,
         }
+
+    def hear(self, state: ControllerState, now: float) -> None:
+        """Take a word of the controller at a wall time [s]."""
+        self._state, self._heard = state, now
+
+    def forget(self, now: float) -> None:
+        """Forget what the robot has said: nobody has listened up to now [s]."""
+        self._state = self.drives = None
+        self._heard = now
+
+    def known(self, now: float) -> Known:
+        """Return what is known of the robot at a wall time [s]."""
+        is_simulated = self._reset_world_client.service_is_ready()
+        return Known(self._state, self.drives, self.table, now - self._heard, is_simulated)
 
     def act(self, action: Action) -> None:
         """Do what an operator asks for."""
@@ -74,7 +99,7 @@ class RobotOperator:
         self._not_followed = self._not_followed + 1 if stands else 0
         if self._not_followed > _NOT_FOLLOWED:
             self._not_followed = 0
-            self.act(Action.WALK)
+            self._wake()
         twist = Twist()
         twist.linear.x, twist.linear.y = velocity.forward, velocity.left
         twist.angular.z = velocity.yaw
@@ -84,20 +109,20 @@ class RobotOperator:
         """Stand up, if that was asked for, as soon as the drives are enabled; now [s]."""
         if self._stand_up_until and self._operational:
             self._stand_up_until = 0.0
-            self.set_mode("stand_up")
+            self.set_mode("stand_up", outcome=self._standing_up)
         elif self._stand_up_until and now > self._stand_up_until:
             self._stand_up_until = 0.0
-            self.tell("the drives are not enabled")
+            self._standing_up.refuse("stand up", "stand up: the drives are not enabled")
 
     def halt(self) -> None:
         """Send zero, and see that it is taken: the node ends."""
         self._publisher.publish(Twist())
         self._publisher.wait_for_all_acked(Duration(seconds=0.5))
 
-    def set_mode(self, mode: str, *, also: bool = False) -> None:
-        """Ask for a mode, if need be as a part of what has been asked for just before."""
+    def set_mode(self, mode: str, outcome: Outcome | None = None) -> None:
+        """Ask for a mode; the outcome is of a request made before, else of this one."""
         what = mode.replace("_", " ")
-        self.call(self._mode_client, SetMode.Request(mode=mode), what, also=also)
+        self.call(self._mode_client, SetMode.Request(mode=mode), what, outcome)
 
     def set_gait(self, gait: str) -> None:
         """Ask for a gait."""
@@ -111,46 +136,55 @@ class RobotOperator:
         """Reset the faults of the drives."""
         self.call(self._reset_client, Trigger.Request(), "reset faults")
 
-    @property
-    def said(self) -> str:
-        """How that has gone which was asked for last."""
-        return "; ".join(self._outcomes.values())
-
-    def tell(self, outcome: str) -> None:
-        """Say how something has gone, from any thread."""
-        self._outcomes = {"": outcome}
-
-    def call(self, client: Client, request: Any, what: str, *, also: bool = False) -> None:
-        """Call a service without waiting; say how it went when it answers.
+    def call(self, client: Client, request: Any, what: str, outcome: Outcome | None = None) -> None:
+        """Call a service without waiting; note how it went when it answers.
 
         Args:
             client: of the service.
             request: what to ask for.
             what: the same in words.
-            also: it belongs to what has been asked for just before.
+            outcome: of the request that it is a part of, that of the present one where None.
         """
-        outcomes = self._outcomes if also else {}
-        self._outcomes = outcomes
+        outcome = outcome or self.outcome
+        outcome.wait(what)
+        self._answer(client, request, what, outcome)
+
+    def _answer(
+        self, client: Client, request: Any, what: str, outcome: Outcome, *, alone: bool = False
+    ) -> None:
+        """Call a service; the answer is a part of the outcome, or all of it."""
         if not client.service_is_ready():
-            outcomes[what] = f"{what}: {client.srv_name} is not there"
+            outcome.refuse(what, f"{what}: {client.srv_name} is not there")
             return
 
         def answered(future: Future) -> None:
             response = future.result()
-            if response is not None:
-                outcome = "done" if response.success else f"refused, {response.message}"
-                outcomes[what] = f"{what}: {outcome}"
+            if response is None:
+                return
+            if alone:
+                outcome.clear()
+            if response.success:
+                outcome.finish(what)
+            else:
+                outcome.refuse(what, f"{what}: refused, {response.message}")
 
-        outcomes[what] = f"{what} ..."
         client.call_async(request).add_done_callback(answered)
 
     @property
     def _mode(self) -> str:
-        return self.state.mode if self.state is not None else ""
+        return self._state.mode if self._state is not None else ""
 
     @property
     def _operational(self) -> bool:
         return self.drives is not None and self.drives.operational
+
+    def _wake(self) -> None:
+        """Ask a robot to walk that stands though a velocity comes; asked again until it does.
+
+        The outcome stays as it is until the answer has come, or it would flicker.
+        """
+        request = SetMode.Request(mode="walk")
+        self._answer(self._mode_client, request, "walk", self.outcome, alone=True)
 
     def _stand_up(self) -> None:
         """Enable the drives if need be, then stand up."""
@@ -158,26 +192,54 @@ class RobotOperator:
             self.set_mode("stand_up")
         else:
             self._stand_up_until = time.monotonic() + _ENABLE_PERIOD
+            self._standing_up = self.outcome
             self.enable()
 
     def _stop(self) -> None:
         """Stop walking; asked for in another mode, `stand` would make the robot rise."""
-        if self._mode == "walk":
+        if self._mode in STEPPING:
             self.set_mode("stand")
+        else:
+            self.outcome.refuse("", "stop walking: it does not walk")
 
     def _next_gait(self) -> None:
         if self.gaits:
-            self.set_gait(next_gait(self.gaits, self.state.gait if self.state is not None else ""))
+            present = self._state.gait if self._state is not None else ""
+            self.set_gait(next_gait(self.gaits, present))
 
     def _recover(self) -> None:
+        """Reset the drives, then have the controller leave the mode of the stop."""
         self.reset_faults()
-        self.set_mode("passive", also=True)
+        self.set_mode("passive")
+
+    def _right_itself(self) -> None:
+        if self.table.modes and not any(row.name == RIGHTING for row in self.table.modes):
+            self.outcome.refuse("", f"right itself: this robot has no mode {RIGHTING}")
+        else:
+            self.set_mode(RIGHTING)
+
+    def _reset_simulation(self) -> None:
+        """Put the world back to its start; the robot's own services are not asked for anything."""
+        request = ResetWorld.Request(keyframe="", seed=-1)
+        self.call(self._reset_world_client, request, "reset simulation")
 
     def _emergency_stop(self) -> None:
         """Stop the drives, which works without a controller; then tell the controller."""
+        self._stop_with(self._stop_client, "EMERGENCY STOP")
+
+    def _cut(self) -> None:
+        """Cut the power of the drives, which lets the robot fall; then tell the controller.
+
+        Where the drives cannot, they are stopped at least.
+        """
+        self._stop_with(self._cut_client, "CUT")
+        if not self._cut_client.service_is_ready():
+            self.call(self._stop_client, Trigger.Request(), "EMERGENCY STOP")
+
+    def _stop_with(self, client: Client, what: str) -> None:
         self._stand_up_until = 0.0
-        self.call(self._stop_client, Trigger.Request(), "EMERGENCY STOP")
-        self.set_mode("emergency_stop", also=True)
+        self.call(client, Trigger.Request(), what)
+        self.set_mode("emergency_stop")
 
 
 def declare_limits(node: Node) -> Velocity:

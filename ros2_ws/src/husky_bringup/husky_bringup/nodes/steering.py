@@ -16,17 +16,17 @@ from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
 from husky_bringup.console.operator_server import OperatorServer
-from husky_bringup.console.operators import Ask, Operators, Rules
-from husky_bringup.console.page import SILENT
-from husky_bringup.console.panels import drives_in_words, fans_in_words
+from husky_bringup.console.operators import Ask, Operator, Operators, Rules
+from husky_bringup.console.told import tell
 from husky_bringup.nodes.robot_operator import (
     COMMAND_RATE,
     RobotOperator,
     declare_layout,
     declare_limits,
 )
+from husky_bringup.outcome import Outcome
 from husky_bringup.teleop_mapping import Action
-from husky_msgs.msg import ModeTable, PropulsionState
+from husky_msgs.msg import PropulsionState
 from husky_msgs.srv import SetFlightMode
 from husky_runtime import graph
 from husky_runtime.nodes.executor import wake
@@ -42,8 +42,13 @@ SOURCES = (
 _WAITING = 32
 """Requests that wait for the node's thread."""
 _LATE = 2.0
-"""How old a request may be, other than an emergency stop [s]."""
-_STOPS = (("action", Action.EMERGENCY_STOP.value), ("mode", "emergency_stop"))
+"""How old a request may be, other than a stop [s]."""
+_STOPS = {
+    ("action", Action.CUT.value): Action.CUT,
+    ("action", Action.EMERGENCY_STOP.value): Action.EMERGENCY_STOP,
+    ("mode", "emergency_stop"): Action.EMERGENCY_STOP,
+}
+"""Requests that always count, and before all others."""
 
 
 class Steering:
@@ -61,11 +66,10 @@ class Steering:
         silence = declare(node, "silence", 0.5, what, lower=0.1, upper=2.0)
         self._robot = RobotOperator(node)
         self._operators = Operators(Rules(limits, layout, silence))
-        self._asked: Queue[Ask] = Queue(_WAITING)
-        self._stop_asked = threading.Event()
-        self._table = ModeTable()
+        self._asked: Queue[tuple[Operator, Ask]] = Queue(_WAITING)
+        self._stops_asked: dict[Action, Operator] = {}
+        self._stops_lock = threading.Lock()
         self._fans: PropulsionState | None = None
-        self._heard = 0.0
         self._askable = self._connect()
         self.server = OperatorServer(self._operators, self._ask)
         node.create_timer(1.0 / COMMAND_RATE, self._turn)
@@ -93,39 +97,44 @@ class Steering:
         return len(self._operators)
 
     # The server's thread ----------------------------------------------------------------------
-    def _ask(self, ask: Ask, age: float) -> None:
-        """Have something done by the node's thread; an emergency stop goes before all else."""
-        if (ask.what, ask.value) in _STOPS:
-            self._stop_asked.set()
+    def _ask(self, operator: Operator, ask: Ask, age: float) -> None:
+        """Have something done by the node's thread; a stop goes before all else."""
+        stop = _STOPS.get((ask.what, ask.value))
+        if stop is not None:
+            with self._stops_lock:
+                self._stops_asked[stop] = operator
         elif age > _LATE:
-            self._robot.tell(f"{ask.value}: came too late, ask again")
+            operator.outcome = Outcome.refusal(f"{ask.value}: came too late, ask again")
         else:
             try:
-                self._asked.put_nowait(ask)
+                self._asked.put_nowait((operator, ask))
             except Full:
-                self._robot.tell(f"{ask.value}: too much is asked at once")
+                operator.outcome = Outcome.refusal(f"{ask.value}: too much is asked at once")
         wake(self._node)
 
     # The node's thread ------------------------------------------------------------------------
     def serve(self) -> bool:
         """Do what has been asked; return whether there was something."""
-        did = False
-        if self._stop_asked.is_set():
-            self._stop_asked.clear()
+        with self._stops_lock:
+            stops, self._stops_asked = self._stops_asked, {}
+        if stops:
             with contextlib.suppress(Empty):
                 while True:
                     self._asked.get_nowait()
-            self._do(Ask(*_STOPS[0]))
-            did = True
+        for action, operator in sorted(stops.items(), key=lambda each: each[0] is not Action.CUT):
+            self._do(operator, Ask("action", action.value))
+        did = bool(stops)
         while not self._asked.empty():
-            self._do(self._asked.get_nowait())
+            self._do(*self._asked.get_nowait())
             did = True
         return did
 
-    def _do(self, ask: Ask) -> None:
+    def _do(self, operator: Operator, ask: Ask) -> None:
+        """Do what an operator asks for, who alone is told how it goes."""
         button = self._askable.get((ask.what, ask.value))
         if ask.what in ("action", "mode") and ask.value != Action.NEXT_GAIT.value:
             self._operators.stop(time.monotonic())
+        operator.outcome = self._robot.outcome = Outcome()
         if button is not None:
             button()
         elif ask.what == "mode":
@@ -136,54 +145,38 @@ class Steering:
             request = SetFlightMode.Request(mode=ask.value)
             self._robot.call(self._flight_mode_client, request, ask.value)
         else:
-            self._robot.tell(f"there is nothing called {ask.what} {ask.value}")
+            self._robot.outcome.refuse("", f"there is nothing called {ask.what} {ask.value}")
 
     def take(self, topic: str, message: Any, wall_time: float) -> None:
         """Take a message of one of `SOURCES`, at a wall time [s]."""
         if topic == graph.MODE_TABLE:
-            self._table = message
+            self._robot.table = message
             self._robot.gaits = list(message.gaits)
         elif topic == graph.CONTROLLER_STATE:
-            self._robot.state, self._heard = message, wall_time
+            self._robot.hear(message, wall_time)
         elif topic == graph.DRIVES_STATUS:
             self._robot.drives = message
         else:
             self._fans = message
 
     def forget(self) -> None:
-        """Nobody listens to the robot any more: what is known of it will be old."""
-        self._robot.state = self._robot.drives = self._fans = None
+        """Nobody has listened to the robot up to now: what is known of it is old."""
+        self._fans = None
+        self._robot.forget(time.monotonic())
 
     def _turn(self) -> None:
         """Send the velocity that an operator holds; tell all how things stand."""
         now = time.monotonic()
         self._robot.go_on(now)
         command = self._operators.command(now)
-        if command is not None:
+        driver = self._operators.driver
+        if command is not None and driver is not None:
+            self._robot.outcome = driver.outcome
             self._robot.drive(command)
-        told = self._tell(now) if len(self._operators) else {}  # who comes next is told no old news
+        told: dict[str, Any] = {}  # who comes next is told no old news
+        if len(self._operators):
+            told = tell(self._robot.known(now), self._fans)
         self.server.robot = msgspec.json.encode(told)
-
-    def _tell(self, now: float) -> dict[str, Any]:
-        state, drives, fans = self._robot.state, self._robot.drives, self._fans
-        told: dict[str, Any] = {
-            "said": self._robot.said,
-            "gaits": list(self._table.gaits),
-            "mode": "",
-            "why": "no word from the controller",
-        }
-        if state is not None and now - self._heard < SILENT:
-            told |= {"mode": state.mode, "why": state.reason, "gait": state.gait}
-        possible = next((m.requests for m in self._table.modes if m.name == told["mode"]), ())
-        told["modes"] = [
-            {"name": mode.name, "meaning": mode.meaning, "possible": mode.name in possible}
-            for mode in self._table.modes
-        ]
-        if drives is not None:
-            told["drives"] = drives_in_words(drives)
-        if fans is not None:
-            told["fans"] = fans_in_words(fans)
-        return told
 
     def close(self) -> None:
         """Stop the robot if it was being moved, and let the operators go."""

@@ -16,9 +16,19 @@ from husky_bringup.nodes.robot_operator import (
     declare_layout,
     declare_limits,
 )
-from husky_bringup.teleop_mapping import HELP, Joystick, Keyboard, Velocity, split_keys
+from husky_bringup.outcome import Outcome
+from husky_bringup.robot_state import Known, judge
+from husky_bringup.teleop_mapping import (
+    ACTION_KEYS,
+    HELP,
+    Action,
+    Joystick,
+    Keyboard,
+    Velocity,
+    split_keys,
+)
 from husky_bringup.terminal import Terminal
-from husky_msgs.msg import ControllerState, DriveStatusArray
+from husky_msgs.msg import ControllerState, DriveStatusArray, ModeTable
 from husky_runtime import graph
 from husky_runtime.nodes import qos
 from husky_runtime.nodes.one_clock import OneClock
@@ -44,6 +54,7 @@ class Teleop(OneClock, Node):
         self._keyboard = Keyboard(limits, hold)
         self._joystick = Joystick(limits, declare_layout(self), silence)
         self._shown = ""
+        self._refusal_shown = (Outcome(), "")
         self.hot: Sequence[Subscription] = []
         self._robot = RobotOperator(self)
         self._robot.gaits = gaits
@@ -62,15 +73,19 @@ class Teleop(OneClock, Node):
         self.create_subscription(
             ControllerState, graph.CONTROLLER_STATE, self._on_state, qos.STATUS
         )
+        self.create_subscription(ModeTable, graph.MODE_TABLE, self._on_table, qos.LATCHED)
         self.create_subscription(DriveStatusArray, graph.DRIVES_STATUS, self._on_drives, qos.STATUS)
 
     # Inputs ---------------------------------------------------------------------------------
     def _on_joy(self, joy: Joy) -> None:
         for action in self._joystick.joy(joy.axes, joy.buttons, time.monotonic()):
-            self._robot.act(action)
+            self._act(action)
 
     def _on_state(self, state: ControllerState) -> None:
-        self._robot.state = state
+        self._robot.hear(state, time.monotonic())
+
+    def _on_table(self, table: ModeTable) -> None:
+        self._robot.table = table
 
     def _on_drives(self, drives: DriveStatusArray) -> None:
         self._robot.drives = drives
@@ -81,28 +96,45 @@ class Teleop(OneClock, Node):
             for key in split_keys(self._terminal.read()):
                 action = self._keyboard.key(key, now)
                 if action is not None:
-                    self._robot.act(action)
+                    self._act(action)
         self._robot.go_on(now)
         command = self._keyboard.command(now)
         if command is None:
             command = self._joystick.command(now)
         if command is not None:
             self._robot.drive(command)
-        self._show(command or Velocity())
+        if self._terminal is not None:
+            self._show_refusal()
+            self._show(self._robot.known(now), command or Velocity())
 
-    def _show(self, command: Velocity) -> None:
-        """Keep a status line on the terminal."""
-        if self._terminal is None:
-            return
-        state = self._robot.state
+    def _act(self, action: Action) -> None:
+        self._robot.outcome = Outcome()
+        self._robot.act(action)
+
+    # The terminal ---------------------------------------------------------------------------
+    def _show_refusal(self) -> None:
+        """Leave each refusal on a line of its own, whole and with its time of day."""
+        outcome = self._robot.outcome
+        refusal = (outcome, outcome.text)
+        if outcome.refused and refusal != self._refusal_shown:
+            self._refusal_shown = refusal
+            self._shown = ""
+            print(f"\r\x1b[K{outcome.time} {outcome.text}", flush=True)
+
+    def _show(self, known: Known, command: Velocity) -> None:
+        """Keep a status line: the mode; the command or why it moves nothing, or the next step."""
+        state, robot = known.state, judge(known)
         what = "no controller" if state is None else f"{state.mode} ({state.gait})"
         if state is not None and state.mode in ("settle", "damping", "emergency_stop"):
             what = f"{state.mode}: {state.reason}"
-        line = (
-            f"{what}  "
-            f"vx {command.forward:+.2f} vy {command.left:+.2f} m/s  yaw {command.yaw:+.2f} rad/s  "
-            f"{self._robot.said}"
-        )
+        step = robot.next_step
+        if robot.press in _KEYS:
+            step = f"{step} (key {_KEYS[robot.press]})"
+        if command.moving:
+            step = f"vx {command.forward:+.2f} vy {command.left:+.2f} m/s  yaw {command.yaw:+.2f}"
+            step = f"moves nothing: {robot.obstacle}" if robot.obstacle else f"{step} rad/s"
+        outcome = self._robot.outcome
+        line = f"{what}  {step}  {'' if outcome.refused else outcome.text}"
         if line != self._shown:
             self._shown = line
             print(f"\r\x1b[K{line[:118]}", end="", flush=True)
@@ -119,6 +151,9 @@ class Teleop(OneClock, Node):
         now = time.monotonic()
         if self._keyboard.command(now) is not None or self._joystick.command(now) is not None:
             self._robot.halt()
+
+
+_KEYS = {action: key.replace(" ", "space") for key, action in ACTION_KEYS.items()}
 
 
 def main() -> int:

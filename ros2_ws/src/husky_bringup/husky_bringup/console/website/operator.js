@@ -5,14 +5,18 @@
 const PERIOD = 50; // between two words while something is held [ms]
 const IDLE = 500; // and while nothing is: they tell how long words take [ms]
 const SILENT = 1500; // without a word from the console after which it counts as lost [ms]
+const HOLD = 500; // for which CUT must be held [ms]
+const TURNS = 5; // in as many turns: what happens to the pointer on a busy page is heard between them
 const UNSENT = 2000; // that may wait in the browser; more would arrive too late [bytes]
 
 const find = (id) => document.getElementById(id);
 const view = find("view");
 const rows = { mode: find("modes"), gait: find("gaits"), action: find("actions") };
-const held = { move: null, turn: null, keys: new Set() };
+const held = { move: null, turn: null, keys: new Set(), pad: false };
 let meaning = { motion_keys: {}, action_keys: {} };
 let socket, beat = 0, heard = 0, said = 0, wasHeld = true;
+let robot = {}, told = {}; // the last words on the robot, and on this operator
+let unsent = null; // refusal of what could not be sent, until something can
 
 // The connection ------------------------------------------------------------------------------
 function connect() {
@@ -28,39 +32,67 @@ function connect() {
 
 function send(word) {
   if (socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(word));
-  else lose("not sent: no connection to the robot");
+  else lose("no connection to the robot");
 }
 
 function lose(why) {
   document.body.classList.add("lost");
-  find("link").textContent = why;
+  write("state", "no connection");
+  write("next", why);
+  write("mode", "");
+  write("link", "");
 }
 
 function ask(what, value) {
+  const isSent = socket.readyState === WebSocket.OPEN;
+  const at = new Date().toTimeString().slice(0, 8);
+  unsent = isSent ? null : { refused: true, at, said: `${value}: not sent, no connection to the robot` };
   send({ type: "ask", what, value, beat });
+  tell();
+}
+
+function write(place, text) {
+  if (find(place).textContent !== text) find(place).textContent = text;
 }
 
 // What comes ----------------------------------------------------------------------------------
 function take(message) {
   if (message.motion_keys) {
     meaning = message;
-    const key = (action) => Object.keys(meaning.action_keys).find((k) => meaning.action_keys[k] === action);
-    const names = message.actions.filter((action) => action !== find("stop").dataset.value);
-    fill("action", names.map((name) => ({ name, meaning: key(name) ? `key ${key(name).replace(" ", "space")}` : "" })));
     return;
   }
   beat = message.beat;
   heard = performance.now();
   document.body.classList.remove("lost");
-  const { robot, driver, delay } = message;
-  const drives = { you: "you drive", another: "somebody else drives" }[driver] || "nobody drives";
-  find("link").textContent = delay === null ? drives : `${drives} · ${Math.round(1000 * delay)} ms`;
-  if (robot.modes) show(robot);
+  told = message;
+  const drives = { you: "you drive", another: "somebody else drives" }[told.driver] || "nobody drives";
+  write("link", told.delay === null ? drives : `${drives} · ${Math.round(1000 * told.delay)} ms`);
+  if (message.robot.modes) show(message.robot);
+  tell();
 }
 
-function show(robot) {
-  find("mode").textContent = [robot.mode, robot.why].filter(Boolean).join(": ");
-  find("said").textContent = robot.said;
+// The outcome of the last request of this operator; and why what is held moves nothing.
+function tell() {
+  const outcome = unsent || told;
+  write("said", outcome.said ? `${outcome.at} ${outcome.said}`.trim() : "");
+  find("said").classList.toggle("refused", Boolean(outcome.refused));
+  const isHeld = (held.pad && told.holds) || held.move || held.turn || held.keys.size;
+  const isLost = document.body.classList.contains("lost");
+  const why = isHeld ? (isLost ? "no connection to the robot" : robot.obstacle || told.obstacle) : "";
+  write("obstacle", why);
+  if (!isLost) write("next", why ? `this moves nothing: ${why}` : robot.next || "");
+}
+
+function show(state) {
+  robot = state;
+  document.body.dataset.kind = robot.kind;
+  write("state", robot.title);
+  write("mode", [robot.mode.replaceAll("_", " "), robot.why].filter(Boolean).join(": "));
+  const key = (name) => Object.keys(meaning.action_keys).find((k) => meaning.action_keys[k] === name);
+  fill("action", robot.actions.map((action) => {
+    const hint = key(action.name) ? `key ${key(action.name).replace(" ", "space")}` : "";
+    return { ...action, meaning: [action.meaning, hint].filter(Boolean).join("; ") };
+  }));
   fill("mode", robot.modes.filter((mode) => mode.name !== "emergency_stop"), robot.mode);
   fill("gait", robot.gaits.map((name) => ({ name, possible: true })), robot.gait);
   find("fans").hidden = !robot.fans;
@@ -82,18 +114,57 @@ function fill(what, each, present) {
     }
   }
   row.querySelectorAll("button").forEach((button, index) => {
-    const { name, possible } = each[index];
-    if (what !== "action") {
-      button.disabled = !possible;
-      button.setAttribute("aria-pressed", name === present);
-    }
+    const { name, possible, meaning: title } = each[index];
+    button.disabled = !possible;
+    button.title = title || "";
+    if (what === "action") button.classList.toggle("next", name === robot.press);
+    else button.setAttribute("aria-pressed", name === present);
   });
 }
 
 document.addEventListener("click", (event) => {
   const { what, value } = event.target.dataset;
-  if (what) ask(what, value);
+  const isDone = event.target === stop && event.detail > 0; // by the press, before the click
+  if (what && !isDone) ask(what, value);
 });
+
+// The two that stop ---------------------------------------------------------------------------
+const stop = find("stop"), cut = find("cut");
+let holding = 0, turns = 0, since = 0;
+
+stop.addEventListener("pointerdown", () => ask(stop.dataset.what, stop.dataset.value));
+
+function holdCut() {
+  if (holding) return;
+  turns = 0;
+  since = performance.now();
+  cut.classList.remove("sent");
+  cut.classList.add("holding");
+  holding = setInterval(() => {
+    turns += 1;
+    if (turns < TURNS || performance.now() - since < HOLD) return;
+    releaseCut();
+    cut.classList.add("sent");
+    setTimeout(() => cut.classList.remove("sent"), 1000);
+    ask("action", "cut");
+  }, HOLD / TURNS);
+}
+
+function releaseCut() {
+  clearInterval(holding);
+  holding = 0;
+  cut.classList.remove("holding");
+}
+
+cut.addEventListener("pointerdown", (event) => event.button === 0 && holdCut());
+for (const end of ["pointerup", "pointerleave", "pointercancel", "blur", "keyup"]) cut.addEventListener(end, releaseCut);
+cut.addEventListener("pointermove", ({ clientX, clientY }) => { // a finger that slides off stays its target
+  if (document.elementFromPoint(clientX, clientY) !== cut) releaseCut();
+});
+cut.addEventListener("keydown", (event) => {
+  if (["Enter", " "].includes(event.key) && !event.repeat) holdCut();
+});
+document.getElementById("end").addEventListener("contextmenu", (event) => event.preventDefault());
 
 // What is held --------------------------------------------------------------------------------
 for (const id of ["move", "turn"]) {
@@ -110,11 +181,13 @@ for (const id of ["move", "turn"]) {
     held[id] = { ahead: -y, left: -x };
     stick.classList.add("held");
     put(x * reach, y * reach);
+    tell();
   };
   const drop = () => {
     held[id] = null;
     stick.classList.remove("held");
     put(0, 0);
+    tell();
   };
   stick.addEventListener("pointerdown", (event) => {
     stick.setPointerCapture(event.pointerId);
@@ -128,7 +201,7 @@ for (const id of ["move", "turn"]) {
 function onKey(event) {
   const key = event.key.toLowerCase();
   const typing = event.target.closest?.("input:not([type=checkbox], [type=range]), textarea, select, [contenteditable]");
-  if (event.type === "keyup") held.keys.delete(key);
+  if (event.type === "keyup" && held.keys.delete(key)) tell();
   if (typing || event.ctrlKey || event.altKey || event.metaKey) return;
   const action = meaning.action_keys[key];
   const isStop = action === find("stop").dataset.value;
@@ -136,14 +209,16 @@ function onKey(event) {
   event.preventDefault(); // neither a button nor viser's camera is meant
   event.stopPropagation();
   if (event.type !== "keydown" || event.repeat) return;
-  if (action) ask("action", action);
-  else held.keys.add(key);
+  if (action) return ask("action", action);
+  held.keys.add(key);
+  tell();
 }
 
 function release() {
   held.keys.clear();
   find("move").drop();
   find("turn").drop();
+  releaseCut();
 }
 
 // The picture has a window of its own: keys go to one of the two.
@@ -177,8 +252,10 @@ setInterval(() => {
   if (heard && performance.now() - heard > SILENT) lose("the robot does not answer");
   const { move, turn, keys } = held;
   const pad = gamepad();
+  held.pad = Boolean(pad);
   const isHeld = Boolean(move || turn || keys.size || pad);
-  if (!isHeld && !wasHeld && performance.now() - said < IDLE) return;
+  const isToldAnew = wasHeld || (told.obstacle && told.driver !== "another" && performance.now() - said > 2 * PERIOD);
+  if (!isHeld && !isToldAnew && performance.now() - said < IDLE) return;
   if (!beat || socket.readyState !== WebSocket.OPEN || socket.bufferedAmount > UNSENT) return;
   said = performance.now();
   wasHeld = isHeld;
