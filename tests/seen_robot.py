@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -25,8 +26,10 @@ from husky_runtime.nodes import qos, stamps
 
 GRACE = 2.0
 """Wall time after which the nodes give up a silent peer in these tests [s]."""
-TORQUE_PERIOD = 0.1
-"""No joint may get a torque later than this after its command source has died [s]."""
+STOP_TIME = 0.6
+"""No joint may get a torque later than this after a stop, or its command source's death [s]."""
+STOP_TILT = 20.0
+"""Tilt of the body that a stop on level ground may end in [deg]."""
 QUICKLY = {"stand.duration": 0.8, "stand.joint_speed": 5.0}
 """Parameters of the controller: it stands up in 1 s instead of 3."""
 SETTINGS = {
@@ -142,6 +145,12 @@ class Robot:
         return truth.pose.pose.position.z if truth is not None else float("nan")
 
     @property
+    def tilt(self) -> float:
+        """True angle of the body's z axis from up [deg]."""
+        q = self.session.truth.pose.pose.orientation
+        return math.degrees(2.0 * math.asin(min(1.0, math.hypot(q.x, q.y))))
+
+    @property
     def stands(self) -> bool:
         """Whether the robot stands on its feet and all is well, as `recover` leaves it."""
         s = self.session
@@ -176,24 +185,33 @@ class Robot:
         self._commands.clear()
         return self.session.time
 
-    def torque_ends(self, since: float) -> float:
-        """Return how long after a command source died the last torque acted [s].
+    def torque_ends(self, since: float, within: float = STOP_TIME) -> float:
+        """Return how long after a stop, or the end of a command source, the last torque acted [s].
 
-        That must not be later than `TORQUE_PERIOD`.
+        That must not be later than `within`.
         """
         times, currents = self.torques()
-        assert len(times) > 20 and times[-1] > since + 2 * TORQUE_PERIOD, "the tap heard too little"
+        assert len(times) > 20 and times[-1] > since + within + 0.05, "the tap heard too little"
         loaded = times[(currents > 0.0) & (times > since)]
         ends = float(loaded[-1] - since) if len(loaded) else 0.0
-        assert ends <= TORQUE_PERIOD + 1e-9, f"a torque {ends:.3f} s after its source has died"
+        assert ends <= within + 1e-9, f"a torque {ends:.3f} s after its source has died"
         return ends
 
-    def damped(self, since: float) -> float:
-        """Return how long after a fault all joints were damped: commanded to stand still [s]."""
+    def put_down(self, since: float, within: float = STOP_TIME) -> float:
+        """Return `torque_ends` of a stop that has put the robot down upright, on its perch."""
+        ends = self.torque_ends(since, within)
+        assert self.tilt < STOP_TILT and self.height < 0.25, f"{self.tilt:.0f} deg; {self.seen}"
+        return ends
+
+    def settled(self, since: float) -> float:
+        """Return how long after a fault the joints were damped, the robot put down upright [s]."""
         times, kinds = self.kinds()
         damped = times[(kinds == ServoCommand.VELOCITY).all(axis=1) & (times >= since)]
         assert len(damped), f"the joints are not damped; last seen: {self.seen}"
-        return float(damped[0] - since)
+        assert self.mode == "damping" and self.tilt < STOP_TILT and self.height < 0.25, self.seen
+        took = float(damped[0] - since)
+        assert took <= STOP_TIME + 0.03, f"damped after {took:.3f} s"
+        return took
 
     def all_off(self, since: float) -> float:
         """Return how long after a fault all power stages were off for good [s]."""
@@ -323,8 +341,7 @@ class Robot:
     def recover(self) -> None:
         """The way back from a fault: enable where the robot lies, set it on its feet, stand up.
 
-        Without torque a trotting robot falls on its side, and it cannot turn over by itself:
-        somebody must set it back, which is a reset of the world.
+        Wherever it lies, a reset of the world puts it back.
         """
         self.enable()
         self.start_again()

@@ -6,6 +6,7 @@ tick k - 1.
 
 from __future__ import annotations
 
+import math
 import time
 from typing import Any
 
@@ -53,17 +54,33 @@ class InProcessRobot:
         measurements: what it gets.
         tick_seconds: wall time of each controller tick [s].
         refusal: why the drives' master last refused a command, "" when it never did.
+        master: of the drives.
+        segment: of the simulated drives.
+        alive: the controller commands the drives.
     """
 
-    def __init__(self, options: WorldOptions | None = None, robot: Robot | None = None):
-        """Power everything on; the robot is the configured one by default."""
+    def __init__(
+        self,
+        options: WorldOptions | None = None,
+        robot: Robot | None = None,
+        payload: float = 0.0,
+    ):
+        """Power everything on.
+
+        Args:
+            options: of the world.
+            robot: the configured one by default.
+            payload: mass that the world adds to the robot, unknown to its controller [kg].
+        """
         robot = robot or load_robot()
-        self.world = World(robot, options or WorldOptions())
+        heavy = load_robot(payload_mass=robot.payload_mass + payload) if payload else robot
+        self.world = World(heavy, options or WorldOptions())
+        self.alive = True
         self.controller = Controller(robot)
-        self._segment = SimulatedSegment(robot)
-        self._master = Master(self._segment, settings_of(robot), robot)
-        self._master.configure()
-        self._master.start()
+        self.segment = SimulatedSegment(robot)
+        self.master = Master(self.segment, settings_of(robot), robot)
+        self.master.configure()
+        self.master.start()
         self._noise = ImuNoise(ImuFigures.of(robot.imu), self.world.options.seed)
         self._mount = ImuMount(robot)
         self.measurements = Measurements()
@@ -73,8 +90,8 @@ class InProcessRobot:
 
     def tick(self) -> None:
         """Advance by 2 ms."""
-        world, servos, master, m = self.world, self.world.servos, self._master, self.measurements
-        self._segment.set_servo_state(
+        world, servos, master, m = self.world, self.world.servos, self.master, self.measurements
+        self.segment.set_servo_state(
             servos.encoder_count, servos.velocity_count, servos.current, servos.bus_voltage
         )
         master.exchange()
@@ -88,14 +105,15 @@ class InProcessRobot:
         start = time.perf_counter()
         command = self.controller.tick(m)
         self.tick_seconds.append(time.perf_counter() - start)
-        servo = self._segment.servo_command()
+        servo = self.segment.servo_command()
         servos.set_command(*(np.ascontiguousarray(servo[name]) for name in servo.dtype.names))
-        self.refusal = (
-            master.set_command(
-                command.mode_of_operation, command.position, command.velocity, command.effort
+        if self.alive:
+            self.refusal = (
+                master.set_command(
+                    command.mode_of_operation, command.position, command.velocity, command.effort
+                )
+                or self.refusal
             )
-            or self.refusal
-        )
         for sample in world.step_tick():
             gx, gy, gz, ax, ay, az, hx, hy, hz = self._noise.next()
             x, y, z, w = sample.orientation
@@ -115,6 +133,12 @@ class InProcessRobot:
                 self.controller.set_velocity_command(*velocity)
             self.tick()
 
+    @property
+    def tilt(self) -> float:
+        """True angle of the body's z axis from up [deg]."""
+        x, y, _, _ = self.world.base_orientation
+        return math.degrees(2.0 * math.asin(min(1.0, math.hypot(x, y))))
+
     def enable(self) -> None:
         """Enable the drives.
 
@@ -122,7 +146,7 @@ class InProcessRobot:
             RuntimeError: they refuse.
         """
         self.run(0.1)
-        refusal = self._master.enable()
+        refusal = self.master.enable()
         self.run(0.2)
         if refusal:
             raise RuntimeError(f"the drives are not enabled: {refusal}")

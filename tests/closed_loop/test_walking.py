@@ -234,7 +234,9 @@ def test_a_measurement_that_is_not_finite_lets_the_robot_sink(standing, field):
         assert np.isfinite(command.position).all() and np.isfinite(command.effort).all()
     counters = robot.controller.counters
     assert (counters.bad_measurements, counters.faults) == (3, 1)
-    assert robot.controller.mode.value == "damping"
+    assert robot.controller.mode.value == "settle"
     assert robot.controller.reason == "a measurement is not finite"
     robot.controller.tick(good)
-    assert counters.bad_measurements == 3 and robot.controller.mode.value == "damping"
+    assert counters.bad_measurements == 3 and robot.controller.mode.value == "settle"
+    robot.run(0.7)
+    assert robot.controller.mode.value == "damping" and robot.tilt < 5.0

@@ -75,8 +75,8 @@ def test_controller_container_unplugged(trotting, containers, record_property):
     s = trotting.session
     cut = trotting.watch()
     containers.plug(graph.LOW_LEVEL_CONTROLLER, False)
-    s.advance(0.5)
-    record_property("reaction_s", trotting.torque_ends(cut))
+    s.advance(0.9)
+    record_property("reaction_s", trotting.put_down(cut))
     assert s.drives.reason == "no joint command", trotting.seen
     containers.plug(graph.LOW_LEVEL_CONTROLLER, True)
     trotting.until_damped()
@@ -88,8 +88,8 @@ def test_controller_container_cut_off(trotting, containers, record_property):
     s = trotting.session
     cut = trotting.watch()
     containers.cut_off(graph.LOW_LEVEL_CONTROLLER)
-    s.advance(0.5)
-    record_property("reaction_s", trotting.torque_ends(cut))
+    s.advance(0.9)
+    record_property("reaction_s", trotting.put_down(cut))
     assert s.drives.reason == "no joint command", trotting.seen
     containers.connect(graph.LOW_LEVEL_CONTROLLER)
     code, _ = containers.stop(graph.LOW_LEVEL_CONTROLLER)

@@ -13,8 +13,8 @@ def test_emergency_stop_without_controller(trotting, record_property):
     stopped = trotting.watch()
     s.kill(graph.LOW_LEVEL_CONTROLLER)
     assert not trotting.trigger(graph.DRIVES_EMERGENCY_STOP)
-    s.advance(0.3)
-    record_property("reaction_s", trotting.torque_ends(stopped))
+    s.advance(0.8)
+    record_property("reaction_s", trotting.put_down(stopped))
     assert s.drives.emergency_stop and s.drives.reason == "emergency stop", trotting.seen
     s.start(graph.LOW_LEVEL_CONTROLLER)
     s.wait_for(

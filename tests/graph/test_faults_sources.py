@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 from rclpy.node import Node
-from seen_robot import Tap
+from seen_robot import STOP_TIME, Tap
 from sensor_msgs.msg import JointState
 
 from husky_bringup.processes import Processes
@@ -43,11 +43,11 @@ def test_two_controllers(trotting, record_property, tmp_path: Path):
         trotting.watch()
         trotting.until(lambda: s.drives.emergency_stop, "emergency stop", within=5.0)
         assert "two sources" in s.drives.reason, trotting.seen
-        s.advance(0.6)
+        s.advance(0.9)
         # From the second answer on that the bridge has seen; on a busy machine one may get lost.
         stopped = next(status for status in statuses.drain() if status.emergency_stop)
         since = stamps.to_ns(stopped.stamp) / 1e9
-        record_property("reaction_s", trotting.torque_ends(since))
+        record_property("reaction_s", trotting.put_down(since))
         trotting.trigger(graph.DRIVES_RESET_FAULTS)
         s.advance(0.1)
         assert "2 nodes publish" in trotting.trigger(graph.DRIVES_ENABLE)
@@ -64,8 +64,8 @@ def test_stranger(trotting, stranger, record_property, value):
     for _ in range(4):  # best effort: one may be lost
         stranger.publish(JointCommand(mode_of_operation=8, position=[value] * 12))
         s.advance(0.02)
-    s.advance(0.24)
-    record_property("reaction_s", trotting.torque_ends(since))
+    s.advance(0.8)
+    record_property("reaction_s", trotting.put_down(since, within=STOP_TIME + 0.05))
     assert s.drives.emergency_stop and "two sources" in s.drives.reason, trotting.seen
     trotting.start_again()
 

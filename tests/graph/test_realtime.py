@@ -4,6 +4,7 @@ import signal
 
 import numpy as np
 import pytest
+from seen_robot import STOP_TIME
 from starvation import in_real_time
 
 from husky_msgs.msg import JointCommand
@@ -22,7 +23,7 @@ def realtime(new_graph):
 
 
 def test_controller_stalls_for_50_ms(realtime, record_property):
-    """Five ticks without a command, and torque goes; the controller finds the drives off."""
+    """Without a command the drives put the robot down; the controller finds them off."""
     robot, s = realtime, realtime.session
     commands = robot.tap(JointCommand, graph.JOINT_COMMAND)
 
@@ -37,7 +38,7 @@ def test_controller_stalls_for_50_ms(realtime, record_property):
             s.advance(0.06)
         finally:
             s.processes.kill(graph.LOW_LEVEL_CONTROLLER, signal.SIGCONT)
-        s.advance(0.3)
+        s.advance(0.8)
         # When the source fell silent is told by its stamps, however late this process hears them.
         sent = [stamps.to_ns(command.stamp) / 1e9 for command in commands.drain()]
         gaps = np.diff([*sent, s.time])
@@ -47,7 +48,7 @@ def test_controller_stalls_for_50_ms(realtime, record_property):
         assert response.success, response.message
         before = (times > last - 0.01) & (times <= last)
         assert currents[before].all(), "there was torque until the stall"
-        record_property("reaction_s", robot.torque_ends(last))
+        record_property("reaction_s", robot.torque_ends(last, within=STOP_TIME + 0.05))
         assert s.drives.reason == "no joint command", robot.seen
         robot.until(lambda: robot.mode == "damping", "damping", within=1.0)
         robot.enable()

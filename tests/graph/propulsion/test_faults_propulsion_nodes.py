@@ -64,12 +64,12 @@ def test_flight_controller_killed(assisted, record_property):
 
 @pytest.mark.slow
 def test_controller_killed_while_assisting(assisted, record_property):
-    """Legs first: without their torque the robot sinks, and the fans let it."""
+    """The drives put the robot down, and the fans let it."""
     robot, s = assisted.robot, assisted.session
     died = assisted.watch()
     s.kill(graph.LOW_LEVEL_CONTROLLER)
     record_property("reaction_s", assisted.thrust_ends(died))
-    record_property("torque_s", robot.torque_ends(died))
+    record_property("torque_s", robot.put_down(died))
     robot.reported(graph.DRIVE_BRIDGE, "low_level_controller is lost")
     s.start(graph.LOW_LEVEL_CONTROLLER)
     back = assisted.watch()
@@ -80,11 +80,11 @@ def test_controller_killed_while_assisting(assisted, record_property):
 
 
 def test_emergency_stop_while_assisting(assisted, record_property):
-    """The legs let go, and the fans with them."""
+    """The robot is put down, and the fans end."""
     robot = assisted.robot
     stopped = assisted.watch()
     assert not robot.trigger(graph.DRIVES_EMERGENCY_STOP)
     record_property("reaction_s", assisted.thrust_ends(stopped))
-    record_property("torque_s", robot.torque_ends(stopped))
+    record_property("torque_s", robot.put_down(stopped))
     assert robot.mode == "damping", assisted.seen
     assisted.recover()

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from husky_control.controller import Controller
+from husky_control.flight.hover import HoverPhase
 from husky_control.modes.behaviour import Behaviour, Event
-from husky_control.modes.table import ACTIVE, TRANSITIONS, Mode, Transition, modes_of
+from husky_control.modes.table import ACTIVE, ON_LEGS, TRANSITIONS, Mode, Transition, modes_of
 from husky_control.parameters import Parameters
 from husky_control.tick_data import CYCLIC_POSITION, CYCLIC_TORQUE, TICK, Measurements
 from husky_description.robot import load_robot
@@ -121,15 +122,17 @@ def test_a_mode_is_its_class_and_its_rows_in_the_table():
     assert (controller.counters.faults, controller.counters.refused_requests) == (1, 3)
 
 
-@pytest.mark.parametrize("mode", [mode for mode in modes_of(ROBOT) if mode in ACTIVE])
+@pytest.mark.parametrize(
+    "mode", sorted(ACTIVE.intersection(modes_of(ROBOT)) - {Mode.SETTLE}, key=str)
+)
 def test_no_active_mode_is_without_a_way_out_by_a_fault(mode):
-    """Whatever its class: the drives stop following, and the robot sinks."""
+    """The drives stop following: on its legs the robot settles, else it sinks."""
     assert any(mode in row.sources and row.event is Event.FAULT for row in TRANSITIONS)
     robot = Bench()
     robot.controller._machine.mode = mode
     robot.controller.present = robot.controller._modes[mode]
     assert robot.controller.lose_drives("the drives are gone")
-    assert robot.controller.mode is Mode.DAMPING
+    assert robot.controller.mode is (Mode.SETTLE if mode in ON_LEGS else Mode.DAMPING)
     assert robot.controller.reason == "the drives are gone"
     assert robot.controller.counters.faults == 1
     assert not robot.controller.lose_drives("again") and robot.controller.counters.faults == 1
@@ -142,7 +145,8 @@ def test_who_fell_while_the_gait_changed_does_not_walk_off_when_it_stands_again(
     controller = standing.ask("walk").run(0.5)
     assert controller.request_gait("bound") == (True, "changing to bound through stand")
     standing.m.drives_operational = False
-    assert standing.run(TICK).mode is Mode.DAMPING
+    assert standing.run(TICK).mode is Mode.SETTLE
+    assert standing.run(0.7).mode is Mode.DAMPING
     standing.m.drives_operational = True
     standing.ask("passive").run(TICK)
     standing.ask("stand_up").run(2.5)
@@ -162,6 +166,7 @@ def test_thrust_fades_whatever_mode_follows_a_flight_that_was_broken_off(standin
     controller = standing.ask("fly").run(1.0)
     force = controller.hover.force
     assert controller.mode is Mode.FLY and force > 30.0
+    controller.hover.phase = HoverPhase.HOLD  # in the air: on its legs it would settle first
     standing.ask("damping").run(TICK)
     standing.ask("passive").run(TICK)
     standing.ask("stand_up").run(TICK)
@@ -177,6 +182,7 @@ def test_an_emergency_stop_ends_thrust_at_once_in_flight_and_while_it_fades(stan
         assert standing.controller.hover.force > 10.0
         standing.ask(*way).run(TICK)
         assert standing.controller.hover.force == 0.0
+        standing.run(0.7)  # it settles, if its feet are on the ground yet
         assert standing.controller.command.mode_of_operation == CYCLIC_TORQUE
         standing.run(1.0)
         standing.ask("passive").run(TICK)

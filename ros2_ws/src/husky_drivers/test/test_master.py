@@ -272,7 +272,7 @@ def test_refused_commands_do_not_feed_the_watchdog(enabled):
     for _ in range(6):
         enabled.master.set_command(8, np.full(12, math.nan), ZERO, ZERO)
         enabled.master.exchange()
-    assert enabled.master.phase is Phase.QUICK_STOP
+    assert enabled.master.phase is Phase.SETTLING
     assert enabled.master.reason == "no joint command"
 
 

@@ -23,6 +23,7 @@ STAND = ROBOT.stand_joint_position
 ZERO = np.zeros(12)
 INERTIA = 0.015 + 0.06  # armature and a leg [kg m2]
 GRAVITY = 2.0  # torque of a pendulum held level [N m]
+LONGEST = 0.65  # from the last command until torque is gone [s]
 
 
 class Joints:
@@ -156,7 +157,7 @@ def test_wire_and_joint_agree(joints):
 def silent_time(joints, **how):
     """Ticks until there is no torque any more, and none comes back."""
     last = 0
-    for k in range(120):
+    for k in range(400):
         if joints.tick(**how).any():
             last = k + 1
     return last
@@ -167,14 +168,14 @@ def test_controller_dies(joints, speed):
     joints.velocity[:] = speed
     joints.tick()
     ticks = silent_time(joints, command=False)
-    assert ticks * TICK < 0.08
+    assert ticks * TICK < LONGEST
     assert joints.master.reason == "no joint command"
 
 
 def test_controller_dies_while_a_drive_brakes_under_load(joints):
     joints.gravity = 9.0  # close to what the drives can hold
     joints.tick(3)
-    assert silent_time(joints, command=False) * TICK < 0.08
+    assert silent_time(joints, command=False) * TICK < LONGEST
 
 
 def test_bridge_dies(joints):
@@ -207,7 +208,7 @@ def test_every_fault_stops_the_robot_and_it_stands_again(joints, fault, sto_stat
         drive.record["sto_state"] = sto_state
     joints.segment.inject("front_right_knee", fault)
     joints.tick(2)
-    joints.until(Phase.OFF)
+    joints.until(Phase.OFF, 400)
     assert "front_right_knee" in joints.master.reason
     assert not joints.tick(10).any()
     joints.segment.clear()
@@ -250,19 +251,20 @@ def test_a_joint_that_is_stuck_trips_on_following_error(joints):
     assert moved == pytest.approx(expected, abs=0.02)
 
 
-def test_the_other_legs_damp_when_one_drive_is_lost(joints):
+def test_the_other_drives_settle_when_one_is_lost(joints):
     joints.segment.inject("hind_left_knee", "fault:2340")
     joints.tick(60)
     others = np.arange(12) != NAMES.index("hind_left_knee")
-    assert joints.master.phase is Phase.DAMPING
-    sinking = -joints.velocity[others]
-    assert sinking == pytest.approx(np.full(11, GRAVITY / ROBOT.servo.kd), rel=0.1)
+    assert joints.master.phase is Phase.SETTLING
+    # The knees fold, and the joints are where they are told to be, but for the droop.
+    assert (joints.position[[2, 5, 11]] < STAND[[2, 5, 11]] - 0.1).all()
+    assert np.abs(joints.position - joints.master.settling.joint_position)[others].max() < 0.1
     assert not joints.tick()[~others].any()
 
 
 def test_no_jump_at_enabling(joints):
     joints.master.disable()
-    joints.until(Phase.OFF)
+    joints.until(Phase.OFF, 400)
     joints.gravity = 0.0
     joints.position[:], joints.velocity[:] = STAND - 0.15, 0.0
     joints.tick(5)
@@ -310,7 +312,7 @@ EVENTS = st.one_of(
 
 @given(st.lists(EVENTS, max_size=25))
 @settings(max_examples=40)
-def test_whatever_happens_torque_ends_100_ms_after_the_last_command(events):
+def test_whatever_happens_torque_ends_soon_after_the_last_command(events):
     joints = Joints(gravity=0.5)
     joints.enable()
     for what, argument in events:
@@ -332,6 +334,6 @@ def test_whatever_happens_torque_ends_100_ms_after_the_last_command(events):
         else:
             joints.segment.inject(argument, what)
     joints.tick()
-    assert silent_time(joints, command=False) * TICK <= 0.1
+    assert silent_time(joints, command=False) * TICK <= LONGEST
     joints.tick(50)  # commands alone bring nothing back
     assert not joints.tick().any()

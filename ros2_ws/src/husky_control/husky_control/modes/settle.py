@@ -29,11 +29,18 @@ class Settle(Behaviour):
         """Go down from where the joints are; legs that do not stand stay where they are."""
         c = self.context
         c.assist.withhold()
-        self._stop = c.request if event is Event.REQUEST else ""
+        self._stop = ""
+        if event is Event.REQUEST:
+            self._follow_with(c.request)
         velocity = c.body.rotation.T @ c.body.estimator.velocity
         self._motion.begin(c.command.position, velocity)
         if c.parameters["safety.stop_category"] < 1.0:
             self._motion.done = True
+
+    def _follow_with(self, stop: str) -> None:
+        self._stop = stop
+        if stop == "emergency_stop":
+            self.context.hover.end(at_once=True)
 
     def leave(self, event: Event) -> str:
         """Tell what is to follow."""
@@ -43,7 +50,7 @@ class Settle(Behaviour):
         """Remember the stop that is asked for last."""
         if request not in self.answers:
             return None
-        self._stop = request
+        self._follow_with(request)
         return True, f"settling; {request} when the body is down"
 
     def estimate(self) -> None:

@@ -35,6 +35,8 @@ class Master(CommandedMaster):
     Attributes:
         error_code: last emergency of each drive (n,), 0 after a reset.
         mode_display: mode of operation of each drive as last read (n,).
+        settling: the motion of a stop.
+        remembered: the last commands, the newest at the end: position, velocity, effort (m, 3, n).
     """
 
     devices, stopping = "drives", "put the robot down"
@@ -53,9 +55,9 @@ class Master(CommandedMaster):
         self._modes_read = 0  # drives that have shown the mode since enabling began
         self._short_in_a_row = 0
         self._next_poll = 0
-        self._settling = Settling(robot)
+        self.settling = Settling(robot)
         self._ticks_left = 0  # until the axes brake, in a stop
-        self._remembered = np.zeros((_REMEMBERED, 3, n))  # commands, the newest last
+        self.remembered = np.zeros((_REMEMBERED, 3, n))
         self.error_code = np.zeros(n, np.uint16)
         self.mode_display = np.zeros(n, np.int8)
 
@@ -112,8 +114,8 @@ class Master(CommandedMaster):
         """Take the command of a tick, whole or not at all, as `CommandedMaster`; remember it."""
         refusal = super().set_command(mode, position, velocity, effort)
         if not refusal:
-            self._remembered[:-1] = self._remembered[1:]
-            self._remembered[-1] = self._command
+            self.remembered[:-1] = self.remembered[1:]
+            self.remembered[-1] = self._command
         return refusal
 
     def enable(self) -> str:
@@ -136,17 +138,17 @@ class Master(CommandedMaster):
         follows = self._sent_mode is _CSP
         self._ticks_left = settings.settle_ticks if follows else settings.hold_ticks
         if follows:
-            body_velocity = self._settling.velocity_of(self._remembered, settings.tick)
+            body_velocity = self.settling.velocity_of(self.remembered, settings.tick)
             # Without its knee a leg does not carry; without one of its hips' drives it may.
             knees = np.flatnonzero(self.states[2::3] != DriveState.OPERATION_ENABLED)
             lost_leg = int(knees[0]) if len(knees) else -1
-            self._settling.begin(self._target, body_velocity, lost_leg)
+            self.settling.begin(self._target, body_velocity, lost_leg)
         self._phases.enter(Phase.SETTLING, reason)
 
     @property
     def _settled(self) -> bool:
         """Whether a stop has come to the point at which the axes brake."""
-        return self._ticks_left <= 0 or (self._sent_mode is _CSP and self._settling.done)
+        return self._ticks_left <= 0 or (self._sent_mode is _CSP and self.settling.done)
 
     def _begin_mode(self) -> None:
         super()._begin_mode()
@@ -231,9 +233,9 @@ class Master(CommandedMaster):
         self._ticks_left -= 1
         self._data.controlword[:] = self._phases.controlwords(self.states)
         if self._sent_mode is _CSP:
-            self._settling.advance(self.settings.tick)
-            self._target[:] = self._settling.joint_position
-            self._data.write_targets(_CSP, self._target, self._settling.joint_velocity, 0.0)
+            self.settling.advance(self.settings.tick)
+            self._target[:] = self.settling.joint_position
+            self._data.write_targets(_CSP, self._target, self.settling.joint_velocity, 0.0)
             return
         self._sent_mode = _CSV
         self._data.mode[:] = _CSV

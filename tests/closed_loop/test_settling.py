@@ -1,0 +1,147 @@
+"""A stop puts a stepping robot down upright in each gait and phase (IEC 60204-1, category 1)."""
+
+import numpy as np
+import pytest
+from climbing_robot import ClimbingRobot
+from in_process import InProcessRobot
+from stops import STOPS, WALKS, come_down, walk_and_stop
+
+from husky_description.robot import load_robot
+from husky_description.settling import Settling
+from husky_runtime import graph
+
+pytestmark = pytest.mark.in_a_copy  # each goes on from the same standing robot
+
+TILT, TILT_WHEN_DEAD, TILT_WHEN_LAME = 20.0, 30.0, 40.0
+"""Most tilt of the body: in a stop, without a controller, without a drive [deg]."""
+SINK = 1.1
+"""Most speed at which the perch meets the ground [m/s]."""
+OFF = 0.6
+"""Time in which all torque is gone, behind the time in which silence is noticed [s]."""
+SILENCE = 0.012
+
+
+@pytest.fixture(scope="module")
+def standing():
+    robot = InProcessRobot()
+    robot.stand()
+    return robot
+
+
+@pytest.fixture(scope="module")
+def loaded():
+    robot = InProcessRobot(payload=1.0)
+    robot.stand()
+    return robot
+
+
+def holds(name, outcomes):
+    for outcome in outcomes:
+        if name in ("knee", "hip", "thigh"):
+            assert outcome.tilt <= TILT_WHEN_LAME, outcomes
+            continue
+        assert outcome.tilt <= (TILT_WHEN_DEAD if name == "dead" else TILT), outcomes
+        assert outcome.sink <= SINK, outcomes
+        if name != "mode":  # in which the drives stay enabled, without torque
+            assert outcome.off <= OFF + SILENCE * (name == "dead"), outcomes
+
+
+@pytest.mark.parametrize(("gait", "speed"), [("trot", 1.0), ("crawl", 0.05), ("pronk", 0.3)])
+def test_a_stop_puts_the_robot_down(standing, gait, speed):
+    names = ["mode", "drives", "dead"]
+    outcomes = walk_and_stop(standing, gait, speed, [STOPS[name] for name in names], 2)
+    for name, row in zip(names, outcomes, strict=True):
+        holds(name, row)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("gait", "speed"), WALKS)
+def test_a_stop_at_each_phase(standing, gait, speed):
+    names = ["mode", "drives", "dead", "hip"]
+    outcomes = walk_and_stop(standing, gait, speed, [STOPS[name] for name in names], 10)
+    for name, row in zip(names, outcomes, strict=True):
+        holds(name, row)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("gait", "speed"), WALKS)
+def test_a_stop_with_a_payload_that_nobody_knows(loaded, gait, speed):
+    (outcomes,) = walk_and_stop(loaded, gait, speed, [STOPS["payload"]], 10)
+    holds("payload", outcomes)
+
+
+def test_a_standing_robot_without_a_knee_is_put_down(standing):
+    STOPS["knee"].act(standing)
+    holds("knee", [come_down(standing)])
+
+
+@pytest.mark.parametrize("slope", [20.0, pytest.param(45.0, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("stop", ["mode", "drives"])
+def test_on_an_incline_it_does_not_tumble(slope, stop):
+    """It slides down on its perch or lies where it is; the fans have faded within a second."""
+    robot = ClimbingRobot(slope)
+    robot.start()
+    while robot.world.base_position[0] < 1.2:
+        robot.run(0.2, (0.25, 0.0, 0.0))
+    STOPS[stop].act(robot)
+    leans = []
+    for _ in range(100):
+        robot.run(0.02)
+        leans.append(np.degrees(robot.lean))
+    assert max(leans) < slope + 25.0, f"leans by {max(leans):.0f} deg from the slope's normal"
+    assert np.linalg.norm(robot.thrust) < 0.5
+
+
+def test_category_0_lets_go_at_once(standing):
+    robot = standing
+    robot.controller.parameters.set_all({"safety.stop_category": 0.0})
+    STOPS["mode"].act(robot)
+    robot.run(0.02)
+    assert robot.controller.mode.value == "emergency_stop"
+    assert np.abs(robot.measurements.joint_torque).max() < 0.1
+
+
+# The motion itself -------------------------------------------------------------------------------
+@pytest.mark.parametrize("name", ["carbon", "beta"])
+@pytest.mark.parametrize("lost_leg", [-1, 0, 3])
+def test_the_motion_starts_where_the_joints_are_and_ends_on_the_perch(name, lost_leg):
+    robot = load_robot(name)
+    motion = Settling(robot)
+    start = np.array(robot.stand_joint_position)
+    motion.begin(start, np.array([0.5, -0.1, 0.0]), lost_leg)
+    before, most = start, 0.0
+    for _ in range(400):
+        if motion.done:
+            break
+        motion.advance(graph.TICK_PERIOD)
+        np.testing.assert_allclose(
+            motion.joint_velocity * graph.TICK_PERIOD, motion.joint_position - before, atol=1e-12
+        )
+        most = max(most, np.abs(motion.joint_velocity).max())
+        before = motion.joint_position.copy()
+    assert motion.done
+    assert most < robot.joint_speed or name == "beta", "its servos lag, and that does no harm"
+    assert (motion.joint_position >= robot.joint_lower).all()
+    assert (motion.joint_position <= robot.joint_upper).all()
+
+
+def test_a_robot_that_sits_has_nothing_to_do():
+    robot = load_robot()
+    motion = Settling(robot)
+    motion.begin(np.array(robot.sit_joint_position) * 1.001, np.zeros(3))
+    assert motion.done
+
+
+def test_the_velocity_is_told_by_legs_that_press(standing):
+    """From commands alone: in the trot, and in the air by free fall since two legs last pressed."""
+    robot = standing
+    robot.controller.request_mode("walk")
+    robot.run(1.5, (0.5, 0.0, 0.0))
+    motion = Settling(load_robot())
+    told = motion.velocity_of(robot.master.remembered, graph.TICK_PERIOD)
+    assert told[0] == pytest.approx(0.5, abs=0.15) and abs(told[1]) < 0.15
+    silent = robot.master.remembered.copy()
+    silent[-10:, 2] = 0.0
+    fallen = motion.velocity_of(silent, graph.TICK_PERIOD)
+    before = motion.velocity_of(silent[:-10], graph.TICK_PERIOD)
+    assert before[2] - fallen[2] == pytest.approx(10 * graph.TICK_PERIOD * GRAVITY)
