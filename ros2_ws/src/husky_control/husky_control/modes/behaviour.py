@@ -151,6 +151,11 @@ class Behaviour:
         return tilt_of(self.context.body.rotation) < self.context.parameters["safety.max_tilt"]
 
     @property
+    def fallen(self) -> bool:
+        """Whether the body is tilted further than safety allows: on its side or back."""
+        return not self.upright
+
+    @property
     def legs_below(self) -> bool:
         """Whether the legs hang below the body: splayed ones cannot lift it."""
         c = self.context

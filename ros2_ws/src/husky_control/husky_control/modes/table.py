@@ -16,6 +16,7 @@ from husky_control.modes.let_go import Damping, EmergencyStop, Passive
 from husky_control.modes.morph import Perch, Splay
 from husky_control.modes.position_trot import PositionTrot
 from husky_control.modes.quadrotor import Quadrotor
+from husky_control.modes.righting import Righting
 from husky_control.modes.settle import Settle
 from husky_control.modes.stand import Stand
 from husky_control.modes.stand_up_and_sit import Sit, StandUp
@@ -75,6 +76,8 @@ class Mode(Enum):
         "steps in place under its hips, in the base's frame, for a robot in ropes (T40)")
     SIT            = ("sit", Sit,
         "lowers the body between the feet, gathers the legs, holds the sitting posture")
+    RIGHTING       = ("righting", Righting,
+        "rolls a robot that lies on its side or back over onto its perch; `sit` follows")
     SETTLE         = ("settle", Settle,
         "lowers the body onto its perch as fast as the joints can; then it lets go")
     DAMPING        = ("damping", Damping,
@@ -125,6 +128,7 @@ CONDITIONS: dict[str, str] = {
     "drives_operational": "the drives are not operational",
     "measurements_fresh": "measurements are missing or stale",
     "upright": "the body is tilted too far",
+    "fallen": "the body is upright: ask for stand_up",
     "legs_below": "the legs are splayed: ask for perch, which folds them",
     "legs_aside": "the legs are not splayed: ask for stand_up",
     "stopped": "the robot is still stepping",
@@ -212,6 +216,10 @@ TRANSITIONS: tuple[Transition, ...] = (
          label="landed by the flight controller alone"),
     _row(Mode.QUADROTOR,      Event.FAULT,   Mode.QUADROTOR,
          label="a safety check trips: it lands, and holds its arms"),
+    _row(Mode.PASSIVE,        Event.REQUEST, Mode.RIGHTING, ("righting",),
+         ("drives_operational", "measurements_fresh", "fallen", "at_rest")),
+    _row(Mode.RIGHTING,       Event.DONE,    Mode.SIT,      label="on its perch; legs gathered"),
+    _row(Mode.RIGHTING,       Event.LOST,    Mode.DAMPING,  label="still not upright after all strokes"),
     _row(Mode.PERCH,          Event.REQUEST, Mode.PASSIVE,  ("passive",)),
     _row(Mode.SIT,            Event.REQUEST, Mode.PASSIVE,  ("passive",)),
     _row(Mode.DAMPING,        Event.REQUEST, Mode.PASSIVE,  ("passive",)),
