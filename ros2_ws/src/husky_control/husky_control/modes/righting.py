@@ -15,7 +15,7 @@ from husky_control.modes.context import ModeContext
 from husky_control.tick_data import CYCLIC_POSITION, TICK, JointCommand
 from husky_description.arrays import Array
 
-ATTEMPTS = 10
+ATTEMPTS = 16
 EFFORT = 0.8
 REACHED = 0.12
 STALL = 0.3
@@ -41,12 +41,15 @@ class Righting(Behaviour):
         self._speed = 0.0
         self._left = 0.0
         self._attempts = 0
+        self._again = False
         self._ending = False
         self.log = []
 
     def enter(self, event: Event) -> None:
         self.context.safety.reset()
         self._attempts = 0
+        self._mask = np.ones(12, bool)
+        self._first, self._spread = True, False
         self._damp = 0.4
         self._hold = True
         self._ending = False
@@ -128,7 +131,7 @@ class Righting(Behaviour):
         if self._attempts and not self._ending and d > math.cos(math.radians(25)):
             self._steps, self._ending = self._plan()
             self._left = 0.0
-        if self._left <= 0.0 or (self._attempts and not self._hold and np.abs(self._goal - m.joint_position).max() < REACHED):
+        if self._left <= 0.0 or (self._attempts and not self._hold and np.abs(self._goal - m.joint_position)[self._mask].max() < REACHED):
             if not self._steps:
                 if self._ending:
                     if self.upright and np.abs(self._goal - m.joint_position).max() < REACHED:
@@ -137,19 +140,29 @@ class Righting(Behaviour):
                 if self._attempts >= ATTEMPTS:
                     return (Event.LOST, f"not upright after {ATTEMPTS} attempts")
                 self._attempts += 1
+                stuck = np.abs(self._goal - m.joint_position).max() > 0.3
                 self._steps, self._ending = self._plan()
-            goal, speed = self._steps.pop(0)
+                if (self._first or stuck and not self._spread) and not self._ending:
+                    star = self._posture(((1.0, 0.2, -0.5),) * 2, ((1.0, 0.2, -0.5),) * 2, 1.0)
+                    self._steps = [(star, 4, (0, 1, 0)), (star, 4, (0, 1, 1)), (star, 4, (1, 1, 1))]
+                    self._spread = True
+                    self._first = False
+                else:
+                    self._spread = False
+            goal, speed, *mask = self._steps.pop(0)
+            self._mask = np.tile(mask[0] if mask else (1, 1, 1), 4) > 0
             self._hold = goal is None
             if goal is None:
                 self._left = speed
             else:
                 self._goal, self._speed = goal, speed
-                self._left = np.abs(self._goal - m.joint_position).max() / self._speed + STALL
+                self._left = np.abs(self._goal - m.joint_position)[self._mask].max() / self._speed + STALL
         p = command.position
         step = np.clip(self._goal - p, -self._speed * TICK, self._speed * TICK)
         new = p + step
         lead = 0.2 if self._speed > 4.5 else self._lead
         bounded = np.clip(new, m.joint_position - lead, m.joint_position + lead)
+        bounded = np.where(self._mask, bounded, m.joint_position)
         held = bounded != new
         command.velocity[:] = np.where(held, np.clip(m.joint_velocity, -self._speed, self._speed), step / TICK)
         robot = self.context.robot
