@@ -204,8 +204,11 @@ class Behaviour:
 
     @property
     def ramped_velocity(self) -> Array:
-        """The velocity command behind its limits of acceleration, (3,) as `Velocity`."""
-        return self.context.walking.reference.ramped
+        """The velocity command that the mode follows, behind its limits of acceleration.
+
+        (3,) as `Velocity`; zero in a mode that follows none.
+        """
+        return np.zeros(3)
 
     @property
     def settled(self) -> bool:
