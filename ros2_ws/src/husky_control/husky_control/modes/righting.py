@@ -34,7 +34,7 @@ ROUNDS = 16
 """Moves from face to face after which it gives up."""
 TIPPED = math.radians(25.0)
 """Tilt below which the body is about to tip onto its perch, and pushing ends [rad]."""
-FALLEN_BACK = math.radians(70.0)
+FALLEN_BACK = math.radians(100.0)
 """Tilt above which rising has failed [rad]."""
 EDGE = math.radians(80.0)
 """Roll below which the body lies on the edge of its perch [rad]."""

@@ -77,7 +77,7 @@ class Mode(Enum):
     SIT            = ("sit", Sit,
         "lowers the body between the feet, gathers the legs, holds the sitting posture")
     RIGHTING       = ("righting", Righting,
-        "rolls a robot that lies on its side or back over onto its perch; `sit` follows")
+        "rolls a body that lies on its side or back onto its perch, and gathers the legs")
     SETTLE         = ("settle", Settle,
         "lowers the body onto its perch as fast as the joints can; then it lets go")
     DAMPING        = ("damping", Damping,
@@ -109,8 +109,8 @@ class Transition:
     label: str = ""
 
 
-FOR_FANS = frozenset({Mode.WAIR, Mode.FLY})
-"""Modes of a robot that carries the propulsion unit."""
+FOR_FANS = frozenset({Mode.WAIR, Mode.FLY, Mode.RIGHTING})
+"""Modes of a robot that carries the propulsion unit, whose legs carry no propellers."""
 FOR_PROPELLERS = frozenset(
     {
         Mode.PERCH,
@@ -218,8 +218,8 @@ TRANSITIONS: tuple[Transition, ...] = (
          label="a safety check trips: it lands, and holds its arms"),
     _row(Mode.PASSIVE,        Event.REQUEST, Mode.RIGHTING, ("righting",),
          ("drives_operational", "measurements_fresh", "fallen", "at_rest")),
-    _row(Mode.RIGHTING,       Event.DONE,    Mode.SIT,      label="on its perch; legs gathered"),
-    _row(Mode.RIGHTING,       Event.LOST,    Mode.DAMPING,  label="still not upright after all strokes"),
+    _row(Mode.RIGHTING,       Event.DONE,    Mode.SIT,      label="on its perch"),
+    _row(Mode.RIGHTING,       Event.LOST,    Mode.DAMPING,  label="not upright after all rounds"),
     _row(Mode.PERCH,          Event.REQUEST, Mode.PASSIVE,  ("passive",)),
     _row(Mode.SIT,            Event.REQUEST, Mode.PASSIVE,  ("passive",)),
     _row(Mode.DAMPING,        Event.REQUEST, Mode.PASSIVE,  ("passive",)),
