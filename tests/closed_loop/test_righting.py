@@ -1,4 +1,4 @@
-"""Husky Carbon rights itself in one process: from its sides, its back, and wherever it has fallen."""
+"""Husky Carbon rights itself in one process: from sides and back, and wherever it has fallen."""
 
 import math
 
@@ -116,6 +116,9 @@ def test_from_wherever_it_has_fallen_nine_times_of_ten(body):
     for seed in range(20):
         robot = at_random(seed, body)
         if righted(robot):
-            stand_up(robot)
-            stood += 1
+            try:
+                stand_up(robot)
+            except RuntimeError:
+                continue
+            stood += tilt(robot) < 0.1
     assert stood >= 18

@@ -27,6 +27,8 @@ REST_SPEED = 0.08
 """Below it a standing body is at rest [m/s]."""
 REST_RATE = 0.3
 """Likewise [rad/s]."""
+FLAT = 0.2
+"""Tilt of a body that lies flat on its perch, at most [rad]."""
 
 
 class Event(Enum):
@@ -152,8 +154,8 @@ class Behaviour:
 
     @property
     def fallen(self) -> bool:
-        """Whether the body is tilted further than safety allows: on its side or back."""
-        return not self.upright
+        """Whether the body is tilted so that it does not lie on its perch, or not flat."""
+        return tilt_of(self.context.body.rotation) > FLAT
 
     @property
     def legs_below(self) -> bool:

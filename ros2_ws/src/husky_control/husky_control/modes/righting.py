@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from husky_control.kinematics import JOINTS, LEGS
-from husky_control.modes.behaviour import REST_RATE, Behaviour, Event, Happening
+from husky_control.modes.behaviour import FLAT, REST_RATE, Behaviour, Event, Happening
 from husky_control.modes.context import ModeContext
 from husky_control.rotation import tilt_of
 from husky_control.tick_data import CYCLIC_POSITION, CYCLIC_VELOCITY, TICK, JointCommand
@@ -40,8 +40,6 @@ EDGE = math.radians(80.0)
 """Roll below which the body lies on the edge of its perch [rad]."""
 BACK = math.radians(150.0)
 """Roll above which it lies on its back [rad]."""
-LYING = math.radians(10.0)
-"""Tilt of a body on its perch, at most [rad]."""
 
 EFFORT = 0.8
 """Share of the joints' torque limit that a blocked leg pushes with."""
@@ -95,7 +93,7 @@ UNTANGLING = (
     (FRONTAL, FRONTAL | KNEE_JOINT, ALL),
     (KNEE_JOINT, SAGITTAL | KNEE_JOINT, ALL),
 )
-"""Joints of each leg that move first, then, last; the others give way. One order after the other."""
+"""Joints of each leg that move first, then, last; others give way. Orders are tried in turn."""
 
 
 class Move(NamedTuple):
@@ -183,7 +181,7 @@ class Righting(Behaviour):
         m = self.context.body.measurements
         if not self._moves:
             turning = math.hypot(*m.angular_velocity_base_in_base)
-            if self._rising and tilt < LYING and away < ASTRAY and turning < REST_RATE:
+            if self._rising and tilt < FLAT and away < ASTRAY and turning < REST_RATE:
                 return (Event.DONE, "on its perch")
             if self._rounds == ROUNDS:
                 return (Event.LOST, f"not upright after {ROUNDS} rounds")
@@ -223,6 +221,7 @@ class Righting(Behaviour):
         roll = math.atan2(abs(down[1]), -down[2])
         if roll < EDGE:
             return self._push()
+        ways: tuple[tuple[Pair, Pair], ...]
         if roll < BACK:
             ways = ((CLOSED, CLOSED), (REACH, CLOSED), (LEVER, CLOSED), (CLOSED, CLOSED))
         else:
@@ -248,7 +247,7 @@ class Righting(Behaviour):
         )
 
     def _rise(self) -> list[Move]:
-        """Return the moves to the sitting posture; the lower legs hold on until the upper spread."""
+        """Return the moves to the sitting posture; lower legs hold on until others spread."""
         lower = np.repeat(self._side == self._lower_side, 3)
         aside = self._posture(_turned(1.3, CLOSED), _turned(1.3, CLOSED))
         spread = self._posture(SPREAD, SPREAD)
