@@ -18,6 +18,7 @@ and a move ends `PATIENCE` after its time. The fans do nothing.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -30,7 +31,7 @@ from husky_control.rotation import tilt_of
 from husky_control.tick_data import CYCLIC_POSITION, CYCLIC_VELOCITY, TICK, JointCommand
 from husky_description.arrays import Array
 
-ROUNDS = 16
+ROUNDS = 20
 """Moves from face to face after which it gives up."""
 TIPPED = math.radians(25.0)
 """Tilt below which the body is about to tip onto its perch, and pushing ends [rad]."""
@@ -122,14 +123,14 @@ class Righting(Behaviour):
         self._move = Move(np.zeros(JOINTS), QUICK)
         self._left = 0.0  # s of the present move
         self._pause = 0.0  # s left
-        self._rounds = self._untangled = 0
+        self._rounds = self._untangled = self._face = 0
         self._untangling = self._rising = False
 
     def enter(self, event: Event) -> None:
         """Begin by braking the joints, which may still swing."""
         self.context.safety.reset()
         self._calm, self._moves = CALM_TIME, []
-        self._rounds = self._untangled = 0
+        self._rounds = self._untangled = self._face = 0
         self._untangling = self._rising = False
 
     def estimate(self) -> None:
@@ -209,24 +210,26 @@ class Righting(Behaviour):
 
     # Rounds -------------------------------------------------------------------------------------
     def _next_round(self, away: float) -> list[Move]:
-        """Return the moves that fit the attitude; first, and when legs are blocked, untangle."""
-        first = self._rounds == 1
-        self._untangling = first or (away > ASTRAY and not self._untangling)
+        """Return the moves that fit the attitude.
+
+        It untangles first, and where blocked legs have brought the body to no other face.
+        """
+        down = -self.context.body.rotation[2]
+        roll = math.atan2(abs(down[1]), -down[2])
+        face = (roll > EDGE) + (roll > BACK)
+        stays, self._face = face == self._face, face
+        self._untangling = self._rounds == 1 or (away > ASTRAY and stays and not self._untangling)
         if self._untangling:
             order = UNTANGLING[self._untangled % len(UNTANGLING)]
             self._untangled += 1
             star = self._posture(STAR, STAR)
             return [Move(star, QUICK, joints) for joints in order]
-        down = -self.context.body.rotation[2]
-        roll = math.atan2(abs(down[1]), -down[2])
-        if roll < EDGE:
+        if face == 0:
             return self._push()
-        ways: tuple[tuple[Pair, Pair], ...]
-        if roll < BACK:
-            ways = ((CLOSED, CLOSED), (REACH, CLOSED), (LEVER, CLOSED), (CLOSED, CLOSED))
-        else:
-            ways = ((CLOSED, CLOSED), (CLOSED, REACH))
-        return self._moves_through(ways)
+        if face == 1:
+            sides = ((CLOSED, CLOSED), (REACH, CLOSED), (LEVER, CLOSED), (CLOSED, CLOSED))
+            return self._moves_through(sides)
+        return self._moves_through(((CLOSED, CLOSED), (CLOSED, REACH)))
 
     def _push(self) -> list[Move]:
         """Return the moves that tip a body over the edge of its perch."""
@@ -264,7 +267,7 @@ class Righting(Behaviour):
         """Side that is lower: 1 left, -1 right."""
         return math.copysign(1.0, -float(self.context.body.rotation[2, 1]))
 
-    def _moves_through(self, ways: tuple[tuple[Pair, Pair], ...]) -> list[Move]:
+    def _moves_through(self, ways: Sequence[tuple[Pair, Pair]]) -> list[Move]:
         """Return quick moves through postures of the lower and the upper legs."""
         return [Move(self._posture(lower, upper), QUICK) for lower, upper in ways]
 
