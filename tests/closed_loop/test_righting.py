@@ -75,6 +75,9 @@ def righted(robot):
     """Return whether it is at rest on its perch in the end; one that is upright need not turn."""
     controller = robot.controller
     accepted, message = controller.request_mode("righting")
+    while message == "righting refused: the body is still moving":  # legs still swing
+        robot.run(0.5)
+        accepted, message = controller.request_mode("righting")
     if not accepted:
         assert message == "righting refused: the body is upright: ask for stand_up"
         return True
