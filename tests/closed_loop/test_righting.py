@@ -112,12 +112,14 @@ def test_a_stop_is_obeyed_at_once(stop):
 
 @pytest.mark.slow
 @pytest.mark.timeout(1200)
-@pytest.mark.parametrize("body", ["robot", "robot_with_unit"])
-def test_from_wherever_it_has_fallen_nine_times_of_ten(body):
-    """Orientation and joints at random, dropped from 0.4 to 0.6 m without torque."""
+def test_from_wherever_it_has_fallen_nine_times_of_ten():
+    """Orientation and joints at random, dropped from 0.4 to 0.6 m without torque.
+
+    With the propulsion unit the trajectory is the same: mass and shape that collides are.
+    """
     stood = 0
     for seed in range(20):
-        robot = at_random(seed, body)
+        robot = at_random(seed)
         if righted(robot):
             try:
                 stand_up(robot)
