@@ -11,6 +11,7 @@ from husky_control.flight.hover import HoverPhase
 from husky_control.modes.behaviour import Behaviour, Event
 from husky_control.modes.table import ACTIVE, ON_LEGS, TRANSITIONS, Mode, Transition, modes_of
 from husky_control.parameters import Parameters
+from husky_control.rotation import matrix_from_quaternion
 from husky_control.tick_data import CYCLIC_POSITION, CYCLIC_TORQUE, TICK, Measurements
 from husky_description.robot import load_robot
 
@@ -199,7 +200,83 @@ def test_sitting_down_may_follow_half_of_standing_up_without_a_jump():
     np.testing.assert_allclose(robot.controller.command.position, ROBOT.sit_joint_position)
 
 
+# ------------------------------------------------------------------- righting
+
+
+def lay(robot, roll):
+    """Lay a bench's robot down, turned about its x axis by an angle [rad]."""
+    m, half = robot.m, roll / 2.0
+    m.orientation_base_in_world[:] = math.sin(half), 0.0, 0.0, math.cos(half)
+    matrix_from_quaternion(m.orientation_base_in_world, m.rotation_base_in_world)
+    robot.run(TICK)
+
+
+def test_righting_is_refused_where_it_cannot_work_with_the_reason():
+    robot = Bench()
+    ask = robot.controller.request_mode
+    assert ask("righting") == (False, "righting refused: the body is upright: ask for stand_up")
+    lay(robot, math.pi / 2)
+    assert ask("stand_up") == (False, "stand_up refused: the body is tilted too far")
+    for name, bad, good, words in (
+        ("drives_operational", False, True, "the drives are not operational"),
+        ("imu_age", 1.0, 0.0, "measurements are missing or stale"),
+        ("joint_age_ticks", 99, 1, "measurements are missing or stale"),
+    ):
+        setattr(robot.m, name, bad)
+        robot.run(TICK)
+        assert ask("righting") == (False, f"righting refused: {words}")
+        setattr(robot.m, name, good)
+    robot.m.angular_velocity_base_in_base[0] = 1.0
+    robot.run(TICK)
+    assert ask("righting") == (False, "righting refused: the body is still moving")
+    robot.m.angular_velocity_base_in_base[0] = 0.0
+    robot.run(TICK)
+    robot.ask("righting")
+    assert ask("stand_up")[1].startswith("stand_up cannot follow righting; it allows ")
+
+
+def test_a_body_that_does_not_turn_is_given_up():
+    robot = Bench()
+    lay(robot, math.pi / 2)
+    robot.ask("righting").run(120.0)
+    assert robot.controller.mode is Mode.DAMPING
+    assert robot.controller.reason == "not upright after 20 rounds"
+    assert robot.controller.counters.faults == 0
+
+
+def test_righting_ends_in_the_sitting_posture_from_which_it_stands_up():
+    robot = Bench()
+    lay(robot, -math.pi / 2)
+    robot.ask("righting").run(3.0)
+    lay(robot, -0.1)
+    assert robot.run(6.0).mode is Mode.SIT
+    assert robot.controller.reason == "on its perch"
+    np.testing.assert_allclose(robot.controller.command.position, ROBOT.sit_joint_position)
+    robot.ask("stand_up")
+
+
+def test_righting_goes_on_being_judged_but_for_its_tilt():
+    robot = Bench()
+    lay(robot, math.pi)
+    robot.ask("righting").run(1.0)
+    robot.m.joint_age_ticks = 99
+    assert robot.run(TICK).mode is Mode.DAMPING
+    assert robot.controller.reason == "joint states are 99 ticks old"
+
+
 # ------------------------------------------------------------------- refusals and limits
+
+
+def test_a_mode_that_follows_no_velocity_command_reports_none(standing):
+    controller = standing.ask("walk").controller
+    assert controller.set_velocity_command(0.2, 0.0, 0.1) == (True, "")
+    standing.run(0.3)
+    np.testing.assert_allclose(controller.present.ramped_velocity, (0.2, 0.0, 0.1))
+    standing.ask("damping").run(TICK)
+    np.testing.assert_array_equal(controller.walking.reference.ramped, (0.2, 0.0, 0.1))
+    for mode in ("passive", "stand_up"):
+        np.testing.assert_array_equal(controller.present.ramped_velocity, 0.0)
+        standing.ask(mode).run(TICK)
 
 
 def test_a_velocity_command_out_of_range_is_refused_whole_and_the_last_one_stays(standing):

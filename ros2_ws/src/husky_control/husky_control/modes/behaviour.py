@@ -27,6 +27,8 @@ REST_SPEED = 0.08
 """Below it a standing body is at rest [m/s]."""
 REST_RATE = 0.3
 """Likewise [rad/s]."""
+FLAT = 0.2
+"""Tilt of a body that lies flat on its perch, at most [rad]."""
 
 
 class Event(Enum):
@@ -151,6 +153,11 @@ class Behaviour:
         return tilt_of(self.context.body.rotation) < self.context.parameters["safety.max_tilt"]
 
     @property
+    def fallen(self) -> bool:
+        """Whether the body is tilted so that it does not lie on its perch, or not flat."""
+        return tilt_of(self.context.body.rotation) > FLAT
+
+    @property
     def legs_below(self) -> bool:
         """Whether the legs hang below the body: splayed ones cannot lift it."""
         c = self.context
@@ -204,8 +211,11 @@ class Behaviour:
 
     @property
     def ramped_velocity(self) -> Array:
-        """The velocity command behind its limits of acceleration, (3,) as `Velocity`."""
-        return self.context.walking.reference.ramped
+        """The velocity command that the mode follows, behind its limits of acceleration.
+
+        (3,) as `Velocity`; zero in a mode that follows none.
+        """
+        return np.zeros(3)
 
     @property
     def settled(self) -> bool:

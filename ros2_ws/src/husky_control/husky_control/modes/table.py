@@ -16,6 +16,7 @@ from husky_control.modes.let_go import Damping, EmergencyStop, Passive
 from husky_control.modes.morph import Perch, Splay
 from husky_control.modes.position_trot import PositionTrot
 from husky_control.modes.quadrotor import Quadrotor
+from husky_control.modes.righting import Righting
 from husky_control.modes.settle import Settle
 from husky_control.modes.stand import Stand
 from husky_control.modes.stand_up_and_sit import Sit, StandUp
@@ -75,6 +76,8 @@ class Mode(Enum):
         "steps in place under its hips, in the base's frame, for a robot in ropes (T40)")
     SIT            = ("sit", Sit,
         "lowers the body between the feet, gathers the legs, holds the sitting posture")
+    RIGHTING       = ("righting", Righting,
+        "rolls a body that lies on its side or back onto its perch, and gathers the legs")
     SETTLE         = ("settle", Settle,
         "lies down on the perch within half a second; then the joints let go")
     DAMPING        = ("damping", Damping,
@@ -116,8 +119,8 @@ class Transition:
     label: str = ""
 
 
-FOR_FANS = frozenset({Mode.WAIR, Mode.FLY})
-"""Modes of a robot that carries the propulsion unit."""
+FOR_FANS = frozenset({Mode.WAIR, Mode.FLY, Mode.RIGHTING})
+"""Modes of a robot that carries the propulsion unit, whose legs carry no propellers."""
 FOR_PROPELLERS = frozenset(
     {
         Mode.PERCH,
@@ -134,6 +137,7 @@ CONDITIONS: dict[str, str] = {
     "drives_operational": "the drives are not operational",
     "measurements_fresh": "measurements are missing or stale",
     "upright": "the body is tilted too far",
+    "fallen": "the body is upright: ask for stand_up",
     "legs_below": "the legs are splayed: ask for perch, which folds them",
     "legs_aside": "the legs are not splayed: ask for stand_up",
     "stopped": "the robot is still stepping",
@@ -222,6 +226,10 @@ TRANSITIONS: tuple[Transition, ...] = (
          label="landed by the flight controller alone"),
     _row(Mode.QUADROTOR,      Event.FAULT,   Mode.QUADROTOR,
          label="a safety check trips: it lands, and holds its arms"),
+    _row(Mode.PASSIVE,        Event.REQUEST, Mode.RIGHTING, ("righting",),
+         ("drives_operational", "measurements_fresh", "fallen", "at_rest")),
+    _row(Mode.RIGHTING,       Event.DONE,    Mode.SIT,      label="on its perch"),
+    _row(Mode.RIGHTING,       Event.LOST,    Mode.DAMPING,  label="not upright after all rounds"),
     _row(Mode.PERCH,          Event.REQUEST, Mode.PASSIVE,  ("passive",)),
     _row(Mode.SIT,            Event.REQUEST, Mode.PASSIVE,  ("passive",)),
     _row(Mode.DAMPING,        Event.REQUEST, Mode.PASSIVE,  ("passive",)),

@@ -9,6 +9,7 @@ from husky_control.modes.behaviour import Event, Happening, Velocity
 from husky_control.modes.context import ModeContext
 from husky_control.modes.stand import Stand
 from husky_control.tick_data import JointCommand
+from husky_description.arrays import Array
 
 Mask = NDArray[np.bool_]
 
@@ -68,6 +69,11 @@ class Walk(Stand):
             walking.reference.command[:] = velocity
             return ""
         return "it is coming to a stop" if any(velocity) else ""
+
+    @property
+    def ramped_velocity(self) -> Array:
+        """What the steps follow, (3,) as `Velocity`."""
+        return self.context.walking.reference.ramped
 
     @property
     def stopped(self) -> bool:

@@ -104,7 +104,7 @@ class ControllerStates(Table):
     velocity: Array  # estimated base in world [m/s] (n, 3)
     desired_position: Array  # of the base in world [m] (n, 3)
     desired_velocity: Array  # of the base in world [m/s] (n, 3)
-    commanded_velocity: Array  # x, y [m/s] and yaw rate [rad/s], last accepted (n, 3)
+    commanded_velocity: Array  # x, y [m/s] and yaw rate [rad/s], zero if not followed (n, 3)
     static_margin: Array  # of the centre of mass in the support polygon [m] (n,)
 
     @property
