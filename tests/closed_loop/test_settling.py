@@ -6,6 +6,7 @@ from climbing_robot import ClimbingRobot
 from in_process import InProcessRobot
 from stops import STOPS, WALKS, come_down, walk_and_stop
 
+from husky_description.gravity import GRAVITY
 from husky_description.robot import load_robot
 from husky_description.settling import Settling
 from husky_runtime import graph
@@ -76,7 +77,7 @@ def test_a_standing_robot_without_a_knee_is_put_down(standing):
 
 
 @pytest.mark.parametrize("slope", [20.0, pytest.param(45.0, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("stop", ["mode", "drives"])
+@pytest.mark.parametrize("stop", ["drives", pytest.param("mode", marks=pytest.mark.slow)])
 def test_on_an_incline_it_does_not_tumble(slope, stop):
     """It slides down on its perch or lies where it is; the fans have faded within a second."""
     robot = ClimbingRobot(slope)

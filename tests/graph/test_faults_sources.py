@@ -106,7 +106,7 @@ def _at_zero(state: JointState) -> JointState:
     [_ahead, _a_little_ahead, _negative, _at_zero, lambda state: JointState(), lambda state: state],
     ids=["ahead", "5 ticks ahead", "negative", "at zero", "empty", "as it was"],
 )
-@pytest.mark.parametrize("times", [1, 20])
+@pytest.mark.parametrize("times", [1, pytest.param(20, marks=pytest.mark.slow)])
 def test_joint_states_out_of_turn(trotting, change, times):
     """One, or a flood of them while the world stands: no gap, no new time, the robot walks on."""
     s = trotting.session

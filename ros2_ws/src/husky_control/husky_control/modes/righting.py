@@ -24,12 +24,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from husky_control.kinematics import JOINTS, LEGS
 from husky_control.modes.behaviour import FLAT, REST_RATE, Behaviour, Event, Happening
 from husky_control.modes.context import ModeContext
 from husky_control.rotation import tilt_of
 from husky_control.tick_data import CYCLIC_POSITION, CYCLIC_VELOCITY, TICK, JointCommand
 from husky_description.arrays import Array
+from husky_description.kinematics import JOINTS, LEGS
 
 ROUNDS = 20
 """Moves from face to face after which it gives up."""
