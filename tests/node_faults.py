@@ -32,7 +32,7 @@ def test_drive_bridge_killed(trotting, record_property):
     trotting.until(
         lambda: trotting.mode == "damping" and s.drives is not None,
         "damping after the gap, and news of the new drives",
-        within=0.5,
+        within=1.0,
     )
     assert not s.drives.operational, trotting.seen
     trotting.recover()

@@ -323,7 +323,7 @@ class Robot:
         s = self.session
         s.release_velocity()
         s.advance(0.04)  # until the controller has reported its mode of now
-        self.until(lambda: self.mode != "", "the controller's state", within=1.0)
+        self.until(lambda: self.mode not in ("", "settle"), "a settled robot", within=1.0)
         if self.mode != "passive":
             s.set_mode("passive")
             self._reported("passive")

@@ -147,6 +147,7 @@ def walk_and_stop(
     robot.run(WARM_UP.get(gait, USUAL_WARM_UP), (speed, 0.0, 0.0))
     outcomes: list[list[Outcome]] = [[] for _ in stops]
     for _ in range(phases):
+        assert robot.controller.mode.value == "walk", robot.controller.reason
         for stop, row in zip(stops, outcomes, strict=True):
 
             def stopped(stop: Stop = stop) -> Outcome:
@@ -175,7 +176,15 @@ def main(phases: int = 10) -> None:
             ) -> list[list[Outcome]]:
                 return walk_and_stop(robot, *walk, stops, phases)
 
-            for name, rows in zip(here, in_a_copy(walked), strict=True):
+            try:
+                outcomes = in_a_copy(walked)
+            except RuntimeError as error:
+                print(f"{gait} {speed} with {payload} kg: {error}", file=sys.stderr)
+                outcomes = [[] for _ in stops]
+            for name, rows in zip(here, outcomes, strict=True):
+                if not rows:
+                    cells[name].append("-")
+                    continue
                 tilts = [row.tilt for row in rows]
                 beyond = sum(tilt > 40.0 for tilt in tilts)
                 more = f" ({beyond} over 40)" if beyond else ""

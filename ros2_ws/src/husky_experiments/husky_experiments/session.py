@@ -55,6 +55,7 @@ _LEG_SERVICES = {
     graph.DRIVES_DISABLE: Trigger,
     graph.DRIVES_RESET_FAULTS: Trigger,
     graph.DRIVES_EMERGENCY_STOP: Trigger,
+    graph.DRIVES_CUT: Trigger,
     graph.SET_MODE: SetMode,
     graph.SET_GAIT: SetGait,
 }
