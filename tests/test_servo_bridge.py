@@ -64,7 +64,9 @@ class Bench(DeviceBench):
         listen(JointState, graph.JOINT_STATES, self._on_joints, qos.CONTROL)
         listen(DriveStatusArray, graph.DRIVES_STATUS, self._on_status, qos.STATUS)
         # These servos answer when they get a processor.
-        self.start(time="realtime", port=self.port.path, command_timeout=0.03, answer_patience=0.5)
+        self.start(
+            time="realtime", port=self.port.path, command_timeout=0.03, answer_patience=0.5
+        )
 
     def _tick(self, number):
         self.port.service(self.bus)

@@ -77,7 +77,9 @@ class _World:
         self.node = Node("bench", context=self.context)
         self.executor = SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)
-        self._sensors = self.node.create_publisher(FlightSensors, graph.FLIGHT_SENSORS, qos.CONTROL)
+        self._sensors = self.node.create_publisher(
+            FlightSensors, graph.FLIGHT_SENSORS, qos.CONTROL
+        )
         self._commands = self.node.create_publisher(
             PropulsionCommand, graph.PROPULSION_COMMAND, qos.CONTROL
         )

@@ -174,7 +174,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except ValueError as error:
         parser.error(str(error))
     try:
-        with Processes(params_file=options.params_file, namespace=options.namespace) as processes:
+        with Processes(
+            params_file=options.params_file, namespace=options.namespace
+        ) as processes:
             processes.start_all(specs)
             names = ", ".join(sorted(spec.name for spec in specs))
             print(f"started {names}; Ctrl-C ends them", flush=True)

@@ -70,7 +70,9 @@ def test_other_modes_ask_for_nothing():
     assert run(assist, 2.0, wanted=False)[-1] == 0.0
 
 
-@given(roll=st.floats(-0.5, 0.5), pitch=st.floats(-0.5, 0.5), yaw=st.floats(-3.0, 3.0))
+@given(
+    roll=st.floats(-0.5, 0.5), pitch=st.floats(-0.5, 0.5), yaw=st.floats(-3.0, 3.0)
+)
 def test_the_moment_works_against_tilt(roll, pitch, yaw):
     """A rotation vector of the tilt, found by SciPy, times the stiffness; heading is no matter."""
     assist = make(attitude_stiffness=10.0, attitude_damping=0.0, moment_limit=4.0)

@@ -274,6 +274,8 @@ def test_a_mode_that_follows_no_velocity_command_reports_none(standing):
     np.testing.assert_allclose(controller.present.ramped_velocity, (0.2, 0.0, 0.1))
     standing.ask("damping").run(TICK)
     np.testing.assert_array_equal(controller.walking.reference.ramped, (0.2, 0.0, 0.1))
+    np.testing.assert_array_equal(controller.present.ramped_velocity, 0.0)
+    standing.run(0.7)  # it settles
     for mode in ("passive", "stand_up"):
         np.testing.assert_array_equal(controller.present.ramped_velocity, 0.0)
         standing.ask(mode).run(TICK)

@@ -63,7 +63,9 @@ class Body:
         if self.camera_yaw:
             turn = Rotation.from_euler("z", self.camera_yaw)
             base, place, velocity = turn * base, turn.apply(place), turn.apply(velocity)
-        return seen(base, place + self.camera, velocity, stamp=self.time, variance=self.variance)
+        return seen(
+            base, place + self.camera, velocity, stamp=self.time, variance=self.variance
+        )
 
     @property
     def yaw(self):

@@ -90,12 +90,8 @@ def test_swing_velocities_are_the_slopes_of_the_targets(seed):
     def at(time):
         turned = rotation @ Rotation.from_rotvec(angular * time).as_matrix()
         return targets(
-            (True,) * 4,
-            rotation=turned,
-            angular=angular,
-            position=velocity * time,
-            velocity=velocity,
-            swing_position=FEET + foot_velocity * time,
+            (True,) * 4, rotation=turned, angular=angular, position=velocity * time,
+            velocity=velocity, swing_position=FEET + foot_velocity * time,
             swing_velocity=foot_velocity,
         )
 
@@ -111,9 +107,7 @@ def test_stance_velocities_are_the_slopes_of_the_targets(yaw):
     def at(time):
         return targets(
             desired=Rotation.from_euler("z", yaw + yaw_rate * time).as_matrix(),
-            reference=velocity * time,
-            reference_velocity=velocity,
-            yaw_rate=yaw_rate,
+            reference=velocity * time, reference_velocity=velocity, yaw_rate=yaw_rate,
         )
 
     step = 1e-5

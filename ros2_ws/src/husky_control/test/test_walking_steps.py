@@ -130,7 +130,9 @@ def test_ground_that_turns_and_turns_back_changes_nothing():
     plane = plane_from_world(np.array([-0.5, 0.0, 0.75**0.5]))
     walking.stand_on(Ground(plane=plane))
     np.testing.assert_allclose(walking.body_position, plane @ before, atol=1e-12)
-    np.testing.assert_allclose(walking.reference.position, walking.body_position[:2], atol=1e-12)
+    np.testing.assert_allclose(
+        walking.reference.position, walking.body_position[:2], atol=1e-12
+    )
     assert walking.ground.gravity == pytest.approx(9.80665 * 0.75**0.5)
     walking.stand_on(Ground())
     np.testing.assert_allclose(walking.body_position, before, atol=1e-12)

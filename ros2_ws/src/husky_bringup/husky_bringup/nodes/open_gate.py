@@ -37,4 +37,6 @@ def open_gate(
     what = "pages that may connect, as https://host; file:// are installed programs"
     origins = declare(node, "origins", list(origins), what)
     most = declare(node, "connections", 32, "at once", 1, 1000)
-    return WebGate(host, port, inner_port, places=places, token=token, origins=origins, most=most)
+    return WebGate(
+        host, port, inner_port, places=places, token=token, origins=origins, most=most
+    )

@@ -185,11 +185,8 @@ def _see_speed(belief: Belief, speed: Vector, variance: float, gate: float) -> N
     y = speed[1] - state[VELOCITY, 1]
     z = speed[2] - state[VELOCITY, 2]
     _update(
-        belief.horizontal,
-        VELOCITY,
-        -1,
-        _gated(x * x + y * y, belief.horizontal, variance, gate),
-        gain,
+        belief.horizontal, VELOCITY, -1,
+        _gated(x * x + y * y, belief.horizontal, variance, gate), gain,
     )
     _correct(state, 0, gain, x)
     _correct(state, 1, gain, y)

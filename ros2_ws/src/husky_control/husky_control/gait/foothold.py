@@ -31,7 +31,9 @@ class FootholdLaw(NamedTuple):
     reach: float  # m
 
 
-def nominal_footholds(geometry: LegGeometry, forward_spread: float, lateral_spread: float) -> Array:
+def nominal_footholds(
+    geometry: LegGeometry, forward_spread: float, lateral_spread: float
+) -> Array:
     """Return foot positions under the legs of a standing robot, (4, 2) m, x and y in base.
 
     Args:

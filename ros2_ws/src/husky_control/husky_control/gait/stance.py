@@ -98,7 +98,9 @@ def foot_targets(
 
 
 @njit(cache=True)
-def _roll(rotation: Array, joints: JointTargets, leg: int, radius: float) -> tuple[float, float]:
+def _roll(
+    rotation: Array, joints: JointTargets, leg: int, radius: float
+) -> tuple[float, float]:
     """Return the velocity along the ground, m/s, at which a stance foot's sphere rolls on."""
     # The shin's angular velocity turns the sphere: its centre moves on by spin x radius.
     pitch_rate = joints.velocity[3 * leg + 1] + joints.velocity[3 * leg + 2]

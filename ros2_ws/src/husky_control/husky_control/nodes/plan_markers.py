@@ -56,7 +56,9 @@ class PlanMarkers:
             self._publisher.publish(self._message)
 
 
-def _marker(plan: Plan, kind: int, namespace: str, colour: Colour, points: list[Place]) -> Marker:
+def _marker(
+    plan: Plan, kind: int, namespace: str, colour: Colour, points: list[Place]
+) -> Marker:
     """Return a marker of points in the plan's slope frame, seen from base at any time."""
     marker = make_marker(kind, graph.FRAME_BASE, namespace, 0, colour, len(points))
     for point, (x, y, z) in zip(marker.points, points, strict=True):

@@ -21,7 +21,9 @@ class TickInput(Generic[MessageT]):
         peer: who sends them, as lockstep waits for it.
     """
 
-    def __init__(self, node: Node, topic: str, peer: Peer, delay_ns: int, size: int, without: str):
+    def __init__(
+        self, node: Node, topic: str, peer: Peer, delay_ns: int, size: int, without: str
+    ):
         """Nothing has come yet.
 
         Args:

@@ -169,7 +169,9 @@ class Autopilot:
             battery,
             AttitudeEstimator(),
             FlightLogic(p, stream, input_, battery, self.mixer.names, self.config.gimbal),
-            SensorSample(0, nowhere, nowhere, nowhere, 0.0, 0.0, 0.0, self._unknown, self._unknown),
+            SensorSample(
+                0, nowhere, nowhere, nowhere, 0.0, 0.0, 0.0, self._unknown, self._unknown
+            ),
             files=self._files,
         )
 

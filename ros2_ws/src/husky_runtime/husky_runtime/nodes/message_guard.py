@@ -43,7 +43,9 @@ class MessageGuard:
         self.last = ""
         self._logger = node.get_logger()
 
-    def taker(self, handle: Any, topic: str, message_type: type, *, raw: bool) -> Callable[[], Any]:
+    def taker(
+        self, handle: Any, topic: str, message_type: type, *, raw: bool
+    ) -> Callable[[], Any]:
         """Return what takes the next message and its info out of a queue, None when it is empty.
 
         A list of a million texts takes longer to be made than the tick that it would hold up, so

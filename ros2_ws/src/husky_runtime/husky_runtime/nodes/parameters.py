@@ -74,7 +74,9 @@ def declare_robot(node: Node, actuation: str = "", **changes: float | str) -> Ro
     Raises:
         ValueError: no such robot, or of another kind, or it has not what is changed.
     """
-    fitting = [name for name in ROBOTS if not actuation or load_robot(name).actuation == actuation]
+    fitting = [
+        name for name in ROBOTS if not actuation or load_robot(name).actuation == actuation
+    ]
     allowed = f"{', '.join(fitting)}, or the path of a robot's file"
     name = declare(node, "robot", fitting[0], "which robot it is", constraints=allowed)
     robot = load_robot(name, **changes)
