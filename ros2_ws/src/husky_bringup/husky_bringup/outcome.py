@@ -51,5 +51,5 @@ class Outcome:
 
     @property
     def refused(self) -> bool:
-        """Whether any part is not done and will not be."""
+        """True if any part is refused."""
         return any(is_refusal for _, is_refusal in self._parts.values())

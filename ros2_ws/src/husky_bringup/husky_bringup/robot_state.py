@@ -73,7 +73,7 @@ class Known:
 
     @property
     def is_silent(self) -> bool:
-        """Whether the controller has said nothing of late."""
+        """True if the controller has been silent for longer than `SILENT`."""
         return self.state is None or self.silence > SILENT
 
     @property
@@ -84,7 +84,7 @@ class Known:
 
     @property
     def has_righting(self) -> bool:
-        """Whether the robot has the mode that turns it onto its feet."""
+        """True if the robot has the mode that turns it onto its feet."""
         return any(row.name == RIGHTING for row in self.table.modes)
 
 
@@ -153,7 +153,7 @@ def tilt(orientation: Sequence[float]) -> float:
 
 
 def _is_stopped(drives: DriveStatusArray | None) -> bool:
-    """Whether the drives let go until somebody resets them."""
+    """Return whether the drives are stopped until an operator resets them."""
     return drives is not None and (
         drives.emergency_stop or any(drive.error_code for drive in drives.drives)
     )

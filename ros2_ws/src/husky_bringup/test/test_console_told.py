@@ -1,4 +1,4 @@
-"""What operators' pages are told: the buttons that there are, and which of them are lit."""
+"""JSON for operators' pages: the buttons, and which of them are lit."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What operators' pages are told of the robot: its state, and what may be asked of it."""
+"""JSON for operators' pages: state of the robot, and requests that it may take."""
 
 from __future__ import annotations
 

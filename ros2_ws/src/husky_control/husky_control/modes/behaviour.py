@@ -154,7 +154,7 @@ class Behaviour:
 
     @property
     def fallen(self) -> bool:
-        """Whether the body is tilted so that it does not lie on its perch, or not flat."""
+        """True if the body is tilted by more than `FLAT`, so that it does not lie on its perch."""
         return tilt_of(self.context.body.rotation) > FLAT
 
     @property
@@ -176,7 +176,7 @@ class Behaviour:
 
     @property
     def grounded(self) -> bool:
-        """Whether the legs may carry the body."""
+        """True if the legs may carry the body."""
         return True
 
     @property

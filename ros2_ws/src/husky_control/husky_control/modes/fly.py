@@ -106,7 +106,7 @@ class Fly(Behaviour):
 
     @property
     def grounded(self) -> bool:
-        """Whether the legs may carry the body: the flight has not begun, or is over."""
+        """True if the legs may carry the body: the flight has not begun, or is over."""
         return self.context.hover.phase not in AIRBORNE
 
     @property

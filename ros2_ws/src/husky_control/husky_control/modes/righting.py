@@ -143,7 +143,7 @@ class Righting(Behaviour):
 
     @property
     def settled(self) -> bool:
-        """Whether it is done: it never is, `sit` follows."""
+        """False: `sit` follows when the robot is righted."""
         return False
 
     # The law ------------------------------------------------------------------------------------

@@ -26,7 +26,7 @@ from husky_drivers.joint_master.phase import Phase
 _CSP = OperationMode.CYCLIC_SYNCHRONOUS_POSITION
 _CSV = OperationMode.CYCLIC_SYNCHRONOUS_VELOCITY
 _REMEMBERED = 64
-"""Commands from which the velocity of the body is told when the controller is not believed."""
+"""Last commands that are kept: a stop takes the velocity of the body from them."""
 
 
 class Master(CommandedMaster):
