@@ -63,18 +63,15 @@ class InProcessRobot:
         self,
         options: WorldOptions | None = None,
         robot: Robot | None = None,
-        payload: float = 0.0,
     ):
         """Power everything on.
 
         Args:
             options: of the world.
             robot: the configured one by default.
-            payload: mass that the world adds to the robot, unknown to its controller [kg].
         """
         robot = robot or load_robot()
-        heavy = load_robot(payload_mass=robot.payload_mass + payload) if payload else robot
-        self.world = World(heavy, options or WorldOptions())
+        self.world = World(robot, options or WorldOptions())
         self.alive = True
         self.controller = Controller(robot)
         self.segment = SimulatedSegment(robot)

@@ -64,15 +64,13 @@ def at_random(seed, body="robot"):
 
 
 def righted(robot):
-    """Return whether it is at rest on its perch in the end; one that is upright need not turn."""
+    """Return whether it is at rest on its perch in the end."""
     controller = robot.controller
     accepted, message = controller.request_mode("righting")
     while message == "righting refused: the body is still moving":  # legs still swing
         robot.run(0.5)
         accepted, message = controller.request_mode("righting")
-    if not accepted:
-        assert message == "righting refused: the body is upright: ask for stand_up"
-        return True
+    assert accepted, message
     for _ in range(round(LONGEST / 0.1)):
         robot.run(0.1)
         if controller.mode.value != "righting":

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 from climbing_robot import ClimbingRobot
-from in_process import InProcessRobot
-from stops import STOPS, WALKS, come_down, in_a_copy, walk_and_stop
+from stops import STOPS, WALKS, come_down, in_a_copy, standing_robot, walk_and_stop
 
 from husky_description.gravity import GRAVITY
 from husky_description.robot import load_robot
@@ -13,7 +12,7 @@ from husky_runtime import graph
 
 pytestmark = pytest.mark.in_a_copy  # each goes on from the same standing robot
 
-LAME = ("knee", "hip", "thigh")
+LAME = ("knee", "frontal", "sagittal")
 TILT, TILT_WHEN_DEAD, TILT_WHEN_LAME = 20.0, 30.0, 40.0
 """Most tilt of the body: in a stop, without a controller, without a drive [deg]."""
 SINK = 1.1
@@ -25,16 +24,12 @@ SILENCE = 0.012
 
 @pytest.fixture(scope="module")
 def standing():
-    robot = InProcessRobot()
-    robot.stand()
-    return robot
+    return standing_robot()
 
 
 @pytest.fixture(scope="module")
 def loaded():
-    robot = InProcessRobot(payload=1.0)
-    robot.stand()
-    return robot
+    return standing_robot(payload=1.0)
 
 
 def holds(name, outcomes):
@@ -66,57 +61,54 @@ def test_a_stop_at_each_phase(standing, gait, speed):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("gait", "speed"), [walk for walk in WALKS if walk != ("bound", 0.0)])
-def test_a_stop_with_a_payload_that_nobody_knows(loaded, gait, speed):
-    """Without the bound in place, which the payload ends: a hip does not follow."""
+@pytest.mark.parametrize(("gait", "speed"), WALKS)
+def test_a_stop_with_1_kg_more_of_payload(loaded, gait, speed):
     (outcomes,) = walk_and_stop(loaded, gait, speed, [STOPS["payload"]], 10)
     holds("payload", outcomes)
 
 
 @pytest.mark.slow
-def test_without_a_drive_few_stops_end_on_the_side(standing):
-    """Measured: 4 of 270; see docs/faults.md."""
+@pytest.mark.timeout(1200)
+@pytest.mark.parametrize("drive", LAME)
+def test_a_stop_with_one_drive_lost(standing, drive):
+    """Of 360 none ended beyond; at other phases of the gaits one in a thousand does."""
     fallen = 0
     for walk in WALKS:
 
         def walked(walk=walk):
-            return walk_and_stop(standing, *walk, [STOPS[name] for name in LAME], 10)
+            return walk_and_stop(standing, *walk, [STOPS[drive]], 10)
 
         fallen += sum(each.tilt > TILT_WHEN_LAME for row in in_a_copy(walked) for each in row)
-    assert fallen <= 8
+    assert fallen <= 1
 
 
 def test_a_standing_robot_without_a_knee_is_put_down(standing):
-    STOPS["knee"].act(standing)
+    STOPS["knee"].acts[0](standing)
     holds("knee", [come_down(standing)])
 
 
-@pytest.mark.parametrize(
-    ("slope", "watched"), [(20.0, 2.0), pytest.param(45.0, 0.7, marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize("slope", [pytest.param(20.0, marks=pytest.mark.slow), 45.0])
 @pytest.mark.parametrize("stop", ["drives", pytest.param("mode", marks=pytest.mark.slow)])
-def test_on_an_incline_it_is_put_down_along_the_slope(slope, watched, stop):
-    """It lies on the slope, or slides down to level ground; the fans fade.
-
-    At 45 deg nothing holds it there without torque: it is watched until it is down.
-    """
+def test_on_an_incline_it_is_put_down_along_the_slope(slope, stop):
+    """It lies on the slope, or slides down to level ground without tipping over; the fans fade."""
     robot = ClimbingRobot(slope)
     robot.start()
     while robot.world.base_position[0] < 1.2:
         robot.run(0.2, (0.25, 0.0, 0.0))
-    STOPS[stop].act(robot)
+    STOPS[stop].acts[0](robot)
     tilts = []
-    for _ in range(round(watched / 0.02)):
+    for _ in range(150):
         robot.run(0.02)
         tilts.append(min(robot.tilt, np.degrees(robot.lean)))  # from level, or from the slope
     assert max(tilts) < 25.0
-    assert np.linalg.norm(robot.thrust) < (0.5 if watched > 1.0 else 15.0)
+    assert np.linalg.norm(robot.thrust) < 0.5
+    assert np.linalg.norm(robot.world.base_velocity[:3]) < 0.05
 
 
 def test_category_0_lets_go_at_once(standing):
     robot = standing
     robot.controller.parameters.set_all({"safety.stop_category": 0.0})
-    STOPS["mode"].act(robot)
+    STOPS["mode"].acts[0](robot)
     robot.run(0.02)
     assert robot.controller.mode.value == "emergency_stop"
     assert np.abs(robot.measurements.joint_torque).max() < 0.1
@@ -124,12 +116,12 @@ def test_category_0_lets_go_at_once(standing):
 
 # The motion itself -------------------------------------------------------------------------------
 @pytest.mark.parametrize("name", ["carbon", "beta"])
-@pytest.mark.parametrize("lost_leg", [-1, 0, 3])
-def test_the_motion_starts_where_the_joints_are_and_ends_on_the_perch(name, lost_leg):
+@pytest.mark.parametrize("lost_joint", [None, 1, 11])
+def test_the_motion_starts_where_the_joints_are_and_ends_on_the_perch(name, lost_joint):
     robot = load_robot(name)
     motion = Settling(robot)
     start = np.array(robot.stand_joint_position)
-    motion.begin(start, np.array([0.5, -0.1, 0.0]), lost_leg)
+    motion.begin(start, np.array([0.5, -0.1, 0.0]), np.arange(12) != lost_joint)
     before, most = start, 0.0
     for _ in range(400):
         if motion.done:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from husky_description import beta_look
 from husky_description.actuation import BUS_SERVOS
-from husky_description.robot import Robot
+from husky_description.robot import STRUTS_AT_PLATE, Robot
 from husky_description.shapes import ALONG_X, ALONG_Z, Shape, ball, box, disc, moved, ring, tube
 
 MATERIALS: dict[str, tuple[float, float, float, float]] = {
@@ -193,10 +193,9 @@ def _perch(robot: Robot) -> list[Shape]:
     for fore in (-1, 1):
         for sign in (-1, 1):
             foot = (x + fore * (length / 2 - 0.012), y + sign * side, z)
-            shapes.append(tube("carbon", foot, (fore * 0.075, sign * 0.031, plate), 0.0055))
-            shapes.append(
-                disc("aluminium", (fore * 0.075, sign * 0.031, plate), 0.009, 0.010, ALONG_Z)
-            )
+            top = (fore * STRUTS_AT_PLATE[0], sign * STRUTS_AT_PLATE[1], plate)
+            shapes.append(tube("carbon", foot, top, 0.0055))
+            shapes.append(disc("aluminium", top, 0.009, 0.010, ALONG_Z))
     return shapes
 
 

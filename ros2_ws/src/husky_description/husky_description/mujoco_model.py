@@ -207,7 +207,12 @@ def _add_base(spec: mujoco.MjSpec, robot: Robot) -> mujoco.MjsBody:
         payload = base.add_body(name="payload", pos=robot.payload.position)
         _set_inertia(payload, robot.payload_mass, np.zeros(3), robot.payload_inertia)
 
-    for name, box in (("torso", robot.torso), ("rack", robot.rack), ("perch", robot.perch)):
+    for name, box in (
+        ("torso", robot.torso),
+        ("rack", robot.rack),
+        ("perch", robot.perch),
+        ("perch_struts", robot.perch_struts),  # no leg gets between perch and torso
+    ):
         _add_collision(
             spec, base, name, mujoco.mjtGeom.mjGEOM_BOX, size=box.size / 2, pos=box.position
         )

@@ -65,6 +65,10 @@ class RobotSections:
     rack: sections.BoxSection
 
 
+STRUTS_AT_PLATE = np.array([0.075, 0.031])
+"""Where the struts of the perch meet the torso's lower plate, fore and aside of base [m]."""
+
+
 def sections_of(actuation: str) -> dict[str, type[Any]]:
     """Return the sections of a parameter file by its kind of actuation."""
     return {**get_type_hints(RobotSections), **OWN_SECTIONS[actuation]}
@@ -188,6 +192,16 @@ class Robot(RobotSections, DriveSections, ServoSections):
         """Centres of the knee pods in the thighs' frames [m] (4, 3)."""
         offset = _SIDE * self.knee_pod.offset
         return frozen(np.column_stack((np.zeros(4), offset, np.full(4, -self.leg.thigh_link))))
+
+    @cached_property
+    def perch_struts(self) -> sections.BoxSection:
+        """Return the box in base that the struts between torso and perch fill half way up."""
+        plate = self.torso.position - [0.0, 0.0, self.torso.size[2] / 2]
+        skids = self.perch.position + [0.0, 0.0, self.perch.size[2] / 2]
+        width, depth = (self.perch.size[:2] + 2.0 * STRUTS_AT_PLATE) / 2.0
+        height = max(0.001, plate[2] - skids[2])
+        position = np.array([skids[0] / 2, skids[1] / 2, (plate[2] + skids[2]) / 2])
+        return sections.BoxSection(frozen(position), frozen(np.array([width, depth, height])))
 
     @property
     def gear_rated_torque(self) -> float:

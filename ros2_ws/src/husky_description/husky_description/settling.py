@@ -11,8 +11,9 @@ the body at the beginning, and needs no measurement after that.
   behind are unloaded by the fall and set ahead; otherwise the body would end before its feet and
   pitch over them. Another foot in the air comes straight down.
 - Feet end outside of the hips, as outriggers of a narrow perch, and hold until the body is at rest.
-- Three legs do not carry a body whose centre of mass lies between two of them: when a leg is lost,
-  its neighbours step towards it, and the body goes down faster.
+- A leg without the drive of its knee or of its hip's sagittal axis does not carry. Three legs do
+  not carry a body whose centre of mass lies between two of them: the neighbours of the lost leg step
+  towards it, and the body goes down faster. A lost leg whose knee has its drive folds aside.
 """
 
 from __future__ import annotations
@@ -71,6 +72,10 @@ BESIDE_LOST = 0.06
 OUT_AGAIN = (0.14, 0.10)
 """Time before the perch is down at which a foot that has stepped inwards goes out again, and the
 time that it takes [s]."""
+FOLDED_ASIDE = (0.75, -2.6)
+"""Angles of a lost leg that is not to lie under the body: hip frontal outward, knee [rad]."""
+FOLDING = 0.28
+"""Time that it takes [s]."""
 LOADED = 0.03
 """Share of the weight from which a leg that presses on the ground counts as standing."""
 
@@ -102,13 +107,18 @@ class Settling:
         self.joint_position, self.joint_velocity = np.zeros(JOINTS), np.zeros(JOINTS)
         self.done = True
 
-    def begin(self, joint_position: Array, body_velocity: Array, lost_leg: int = -1) -> None:
+    def begin(
+        self,
+        joint_position: Array,
+        body_velocity: Array,
+        driven: NDArray[np.bool_] | None = None,
+    ) -> None:
         """Start from joint targets.
 
         Args:
             joint_position: (12,) rad.
             body_velocity: of base in base (3,) [m/s].
-            lost_leg: leg that does not carry, -1 for none.
+            driven: joints that have a drive (12,), None for all.
         """
         self.joint_position[:] = joint_position
         self.joint_velocity.fill(0.0)
@@ -118,7 +128,10 @@ class Settling:
         if self.done:
             return
         self._elapsed = 0.0
-        self._lost_leg = lost_leg
+        drives = np.ones((LEGS, 3), np.bool_) if driven is None else driven.reshape(LEGS, 3)
+        lost = np.flatnonzero(~drives[:, 1:].all(axis=1))
+        self._lost_leg = int(lost[0]) if len(lost) else -1
+        self._folds_aside = bool(self._lost_leg >= 0 and drives[self._lost_leg, 2])
         self._feet, self._above = feet[:, :2], feet[:, 2] - lowest
         self._drift = np.array(body_velocity[:2])
         self._plan_descent(-lowest, float(body_velocity[2]))
@@ -234,6 +247,11 @@ class Settling:
         joints = np.empty(JOINTS)
         inverse_kinematics(self._kinematics.geometry, feet, joints)
         joints += np.repeat(1.0 - part, 3) * self._bend
+        if self._folds_aside:
+            leg = joints[3 * self._lost_leg :][:3]
+            outward, knee = FOLDED_ASIDE
+            goal = np.array([outward * self._side[self._lost_leg], leg[1], knee])
+            leg += _smooth(np.minimum(1.0, time / (FOLDING * self._pace))) * (goal - leg)
         clipped: Array = np.clip(joints, self._lower, self._upper)
         return clipped
 

@@ -232,7 +232,7 @@ def test_what_is_seen_neither_collides_nor_weighs():
     model, _ = make(floor=False)
     collides = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
     assert np.all(collides == (model.geom_group == COLLISION_GROUP))
-    assert np.count_nonzero(collides) == 3 + 4 * 4
+    assert np.count_nonzero(collides) == 4 + 4 * 4
 
 
 def test_left_and_right_are_mirror_images():

@@ -153,11 +153,6 @@ class Behaviour:
         return tilt_of(self.context.body.rotation) < self.context.parameters["safety.max_tilt"]
 
     @property
-    def fallen(self) -> bool:
-        """True if the body is tilted by more than `FLAT`, so that it does not lie on its perch."""
-        return tilt_of(self.context.body.rotation) > FLAT
-
-    @property
     def legs_below(self) -> bool:
         """Whether the legs hang below the body: splayed ones cannot lift it."""
         c = self.context

@@ -3,7 +3,8 @@
 A narrow body with its legs folded rests on one of its faces: side, back, or the edge between perch
 and hips. Legs lever it from face to face:
 
-1. Untangle: the legs go out of each other's way, and off the body, one joint after the other.
+1. Untangle: the legs go out of each other's way, and off the body, one joint after the other, each
+   time in another order.
 2. Lever: on side or back, feet of the lower legs reach past the rack, front legs ahead of the body,
    hind legs behind it, and push down. The body comes to lie on the edge of its perch.
 3. Push: upper legs reach over the back and push down beside it; then lower legs, folded and turned
@@ -87,18 +88,21 @@ STAR: Pair = ((1.0, 0.2, -0.5),) * 2
 SPREAD: Pair = ((1.15, 0.6, -1.6),) * 2
 SAT_ASIDE: Pair = ((1.3, 1.34, -2.68),) * 2
 
-FRONTAL, SAGITTAL, KNEE_JOINT = np.eye(3, dtype=bool)
-ALL = np.ones(3, dtype=bool)
+FRONTAL, SAGITTAL, KNEE_JOINT = np.tile(np.eye(3, dtype=bool), LEGS)
+ALL = np.ones(JOINTS, dtype=bool)
+FRONT = np.repeat((True, True, False, False), 3)
 UNTANGLING = (
     (SAGITTAL, SAGITTAL | KNEE_JOINT, ALL),
-    (FRONTAL, FRONTAL | KNEE_JOINT, ALL),
+    (FRONTAL & FRONT, FRONT, FRONT | FRONTAL, ALL),
+    (FRONTAL & ~FRONT, ~FRONT, ~FRONT | FRONTAL, ALL),
     (KNEE_JOINT, SAGITTAL | KNEE_JOINT, ALL),
+    (FRONTAL, FRONTAL | KNEE_JOINT, ALL),
 )
-"""Joints of each leg that move first, then, last; others give way. Orders are tried in turn."""
+"""Joints (12,) that move first, then, last; others give way. Orders are tried in turn."""
 
 
 class Move(NamedTuple):
-    """A motion of the legs: goal (12,) rad, speed [rad/s], joints that move, pause after it [s]."""
+    """Motion of legs: goal (12,) rad, speed [rad/s], joints that move (12,), pause after it [s]."""
 
     goal: Array
     speed: float
@@ -123,14 +127,14 @@ class Righting(Behaviour):
         self._move = Move(np.zeros(JOINTS), QUICK)
         self._left = 0.0  # s of the present move
         self._pause = 0.0  # s left
-        self._rounds = self._untangled = self._face = 0
+        self._rounds = self._untangled = 0
         self._untangling = self._rising = False
 
     def enter(self, event: Event) -> None:
         """Begin by braking the joints, which may still swing."""
         self.context.safety.reset()
         self._calm, self._moves = CALM_TIME, []
-        self._rounds = self._untangled = self._face = 0
+        self._rounds = self._untangled = 0
         self._untangling = self._rising = False
 
     def estimate(self) -> None:
@@ -161,9 +165,9 @@ class Righting(Behaviour):
             return None
         if self._rising and tilt > FALLEN_BACK:
             self._moves, self._left, self._pause, self._rising = [], 0.0, 0.0, False
-        elif self._rounds > 0 and not self._rising and tilt < TIPPED:
+        elif self._rounds > 0 and tilt < TIPPED and not (self._rising or self._untangling):
             self._moves, self._left, self._pause, self._rising = self._rise(), 0.0, 0.0, True
-        away = np.abs(self._move.goal - m.joint_position)[np.tile(self._move.joints, LEGS)].max()
+        away = np.abs(self._move.goal - m.joint_position)[self._move.joints].max()
         self._left = 0.0 if away < REACHED else self._left - TICK
         if self._left <= 0.0:
             self._pause -= TICK
@@ -189,7 +193,7 @@ class Righting(Behaviour):
             self._rounds += 1
             self._moves, self._rising = self._next_round(away), False
         self._move = move = self._moves.pop(0)
-        way = np.abs(move.goal - m.joint_position)[np.tile(move.joints, LEGS)].max()
+        way = np.abs(move.goal - m.joint_position)[move.joints].max()
         self._left, self._pause = float(way) / move.speed + PATIENCE, move.pause
         return None
 
@@ -200,7 +204,7 @@ class Righting(Behaviour):
         step = np.clip(move.goal - command.position, -most, most)
         wanted = command.position + step
         near = np.clip(wanted, m.joint_position - self._lead, m.joint_position + self._lead)
-        target = np.where(np.tile(move.joints, LEGS), near, m.joint_position)
+        target = np.where(move.joints, near, m.joint_position)
         follows = np.clip(m.joint_velocity, -move.speed, move.speed)
         command.mode_of_operation = CYCLIC_POSITION
         command.velocity[:] = np.where(target == wanted, step / TICK, follows)
@@ -212,24 +216,42 @@ class Righting(Behaviour):
     def _next_round(self, away: float) -> list[Move]:
         """Return the moves that fit the attitude.
 
-        It untangles first, and where blocked legs have brought the body to no other face.
+        The legs untangle first, and again after a round in which one was blocked.
         """
         down = -self.context.body.rotation[2]
         roll = math.atan2(abs(down[1]), -down[2])
         face = (roll > EDGE) + (roll > BACK)
-        stays, self._face = face == self._face, face
-        self._untangling = self._rounds == 1 or (away > ASTRAY and stays and not self._untangling)
+        self._untangling = self._rounds == 1 or (away > ASTRAY and not self._untangling)
         if self._untangling:
             order = UNTANGLING[self._untangled % len(UNTANGLING)]
             self._untangled += 1
             star = self._posture(STAR, STAR)
-            return [Move(star, QUICK, joints) for joints in order]
+            ways = [Move(star, QUICK, joints) for joints in order]
+            if self._untangled % 2 == 0:
+                aside = self._lifted_aside(star)
+                lifts = (SAGITTAL, SAGITTAL | FRONTAL, ALL)
+                ways[:0] = [Move(aside, QUICK, joints) for joints in lifts]
+            return ways
         if face == 0:
             return self._push()
         if face == 1:
             sides = ((CLOSED, CLOSED), (REACH, CLOSED), (LEVER, CLOSED), (CLOSED, CLOSED))
             return self._moves_through(sides)
         return self._moves_through(((CLOSED, CLOSED), (CLOSED, REACH)))
+
+    def _lifted_aside(self, posture: Array) -> Array:
+        """Return a posture (12,) rad of thighs at the nearer ends of their ranges.
+
+        A thigh that points up there goes aside by turning its hip inward, with the knee folded.
+        """
+        robot, aside = self.context.robot, posture.copy().reshape(LEGS, 3)
+        thigh = self.context.body.measurements.joint_position[1::3]
+        lower, upper = robot.joint_lower[1::3] + MARGIN, robot.joint_upper[1::3] - MARGIN
+        aside[:, 1] = np.where(thigh - lower < upper - thigh, lower, upper)
+        up = np.abs(aside[:, 1]) > math.pi / 2.0
+        aside[up, 0] = LEVER[0][0] * self._side[up]
+        aside[up, 2] = CLOSED[0][2]
+        return aside.ravel()
 
     def _push(self) -> list[Move]:
         """Return the moves that tip a body over the edge of its perch."""

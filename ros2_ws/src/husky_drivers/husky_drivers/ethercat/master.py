@@ -139,10 +139,11 @@ class Master(CommandedMaster):
         self._ticks_left = settings.settle_ticks if follows else settings.hold_ticks
         if follows:
             body_velocity = self.settling.velocity_of(self.remembered, settings.tick)
-            # Without its knee a leg does not carry; without one of its hips' drives it may.
-            knees = np.flatnonzero(self.states[2::3] != DriveState.OPERATION_ENABLED)
-            lost_leg = int(knees[0]) if len(knees) else -1
-            self.settling.begin(self._target, body_velocity, lost_leg)
+            driven = self.states == DriveState.OPERATION_ENABLED
+            if self._short_in_a_row:  # what a drive told last may be no longer true
+                in_operation = [self._bus.al_status(i) == AlState.OP for i in range(len(driven))]
+                driven &= in_operation
+            self.settling.begin(self._target, body_velocity, driven)
         self._phases.enter(Phase.SETTLING, reason)
 
     @property
