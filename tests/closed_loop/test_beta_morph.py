@@ -103,8 +103,8 @@ def test_without_ground_under_the_perch_it_stands_up_again():
     robot = MorphingRobot()
     robot.stand()
     robot.data.qpos[2] += 0.05
-    bottom = robot.model.geom("perch").id
-    robot.model.geom_conaffinity[bottom] = robot.model.geom_contype[bottom] = 0
+    for name in ("perch", "perch_struts"):
+        robot.model.geom(name).contype = robot.model.geom(name).conaffinity = 0
     assert robot.controller.request_mode("perch")[0]
     reasons = set()
     for _ in range(60):

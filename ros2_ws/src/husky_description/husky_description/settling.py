@@ -12,8 +12,8 @@ the body at the beginning, and needs no measurement after that.
   pitch over them. Another foot in the air comes straight down.
 - Feet end outside of the hips, as outriggers of a narrow perch, and hold until the body is at rest.
 - A leg without the drive of its knee or of its hip's sagittal axis does not carry. Three legs do
-  not carry a body whose centre of mass lies between two of them: the neighbours of the lost leg step
-  towards it, and the body goes down faster. A lost leg whose knee has its drive folds aside.
+  not carry a body whose centre of mass lies between two of them: the neighbours of the lost leg
+  step towards it, and the body goes down faster. A lost leg whose knee has its drive folds aside.
 """
 
 from __future__ import annotations
