@@ -77,14 +77,19 @@ def test_it_walks_while_the_stick_is_held(standing: Any, page: Any, shown: Any) 
     )
 
 
-@pytest.mark.parametrize("how", ["button", "key", "key in the picture"])
+@pytest.mark.parametrize("how", ["button", "key", "key in the picture", "CUT held"])
 def test_an_emergency_stop(standing: Any, page: Any, shown: Any, how: str) -> None:
-    """The joints let go: the robot sinks, also in the picture."""
+    """The robot sinks, also in the picture; or falls, when the power is cut."""
     shown(standing, lambda: page.lit("modes") == ["stand"], "the mode")
     shown(standing, lambda: page.robot().height > 0, "the robot")
     stood = page.robot()
     if how == "button":
         page.press("EMERGENCY STOP", row="end")
+    elif how == "CUT held":
+        page.page.locator("#cut").focus()
+        page.page.keyboard.down("Enter")
+        shown(standing, lambda: standing.session.drives.reason == "cut", "that it is cut")
+        page.page.keyboard.up("Enter")
     else:
         if how == "key in the picture":
             page.turn_to("Robot")  # which has the focus then
