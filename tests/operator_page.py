@@ -199,6 +199,16 @@ def out_of_reach(page: Page) -> list[str]:
     return list(page.evaluate(_OUT_OF_REACH))
 
 
+def assert_the_stop_is_whole_on_each_screen(page: Page) -> None:
+    """Both buttons of the stop, on screens of all `SIZES`; the stop stays while others scroll."""
+    for width, height in SIZES:
+        page.set_viewport_size({"width": width, "height": height})
+        place = stands_whole(page)
+        stands_whole(page, "cut")
+        assert out_of_reach(page) == []
+        assert stands_whole(page) == place
+
+
 def eventually(condition: Any, what: str, patience: float = 10.0) -> None:
     """Wait until a condition of this process holds [s of wall time]."""
     end = time.monotonic() + patience

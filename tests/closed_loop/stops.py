@@ -37,7 +37,7 @@ DOWN = 0.004
 
 
 class Outcome(NamedTuple):
-    """What a stop has led to."""
+    """Course of one stop."""
 
     tilt: float  # deg, greatest
     sink: float  # m/s, downwards, when the perch meets the ground

@@ -43,19 +43,18 @@ def holds(name, outcomes):
             assert outcome.off <= OFF + SILENCE * (name == "dead"), outcomes
 
 
-@pytest.mark.parametrize(("gait", "speed"), [("trot", 1.0), ("crawl", 0.05), ("pronk", 0.3)])
-def test_a_stop_puts_the_robot_down(standing, gait, speed):
+@pytest.mark.parametrize(
+    ("gait", "speed", "phases"),
+    [
+        ("trot", 1.0, 2),
+        ("crawl", 0.05, 2),
+        ("pronk", 0.3, 2),
+        *(pytest.param(*walk, 10, marks=pytest.mark.slow) for walk in WALKS),
+    ],
+)
+def test_a_stop_puts_the_robot_down(standing, gait, speed, phases):
     names = ["mode", "drives", "dead"]
-    outcomes = walk_and_stop(standing, gait, speed, [STOPS[name] for name in names], 2)
-    for name, row in zip(names, outcomes, strict=True):
-        holds(name, row)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("gait", "speed"), WALKS)
-def test_a_stop_at_each_phase(standing, gait, speed):
-    names = ["mode", "drives", "dead"]
-    outcomes = walk_and_stop(standing, gait, speed, [STOPS[name] for name in names], 10)
+    outcomes = walk_and_stop(standing, gait, speed, [STOPS[name] for name in names], phases)
     for name, row in zip(names, outcomes, strict=True):
         holds(name, row)
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from operator_page import SIZES, out_of_reach, stands_whole
+from operator_page import assert_the_stop_is_whole_on_each_screen
 from seen_robot import GRACE
 
 from husky_control.gait.table import GAITS
@@ -43,9 +43,4 @@ def test_it_has_modes_of_its_own_and_stands_up(beta: Any, page: Any, shown: Any)
     shown(beta, lambda: page.lit("modes") == ["stand"], "that it stands")
     assert beta.stands
     shown(beta, lambda: page.robot().height > 1.3 * lying.height, "a taller robot")
-    for width, height in SIZES:
-        page.page.set_viewport_size({"width": width, "height": height})
-        place = stands_whole(page.page)
-        stands_whole(page.page, "cut")
-        assert out_of_reach(page.page) == []
-        assert stands_whole(page.page) == place
+    assert_the_stop_is_whole_on_each_screen(page.page)

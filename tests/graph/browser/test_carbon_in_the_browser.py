@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 from browser_page import pixels_of
-from operator_page import SIZES, out_of_reach, stands_whole
+from operator_page import assert_the_stop_is_whole_on_each_screen
 from rcl_interfaces.srv import GetParameters
 
 from husky_runtime import graph
@@ -41,12 +41,7 @@ def test_it_stands_up_by_its_button(robot: Any, page: Any, shown: Any) -> None:
 def test_the_stop_is_whole_on_each_screen(robot: Any, page: Any, shown: Any) -> None:
     """Beside the robot's own picture; in every state: `test_operator_layout.py`."""
     shown(robot, lambda: page.lit("modes"), "the mode")
-    for width, height in SIZES:
-        page.page.set_viewport_size({"width": width, "height": height})
-        place = stands_whole(page.page)
-        stands_whole(page.page, "cut")
-        assert out_of_reach(page.page) == []
-        assert stands_whole(page.page) == place
+    assert_the_stop_is_whole_on_each_screen(page.page)
 
 
 def test_it_walks_while_the_stick_is_held(standing: Any, page: Any, shown: Any) -> None:

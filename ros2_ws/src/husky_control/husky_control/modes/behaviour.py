@@ -27,8 +27,6 @@ REST_SPEED = 0.08
 """Below it a standing body is at rest [m/s]."""
 REST_RATE = 0.3
 """Likewise [rad/s]."""
-FLAT = 0.2
-"""Tilt of a body that lies flat on its perch, at most [rad]."""
 
 
 class Event(Enum):

@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from husky_control.modes.behaviour import FLAT, REST_RATE, Behaviour, Event, Happening
+from husky_control.modes.behaviour import REST_RATE, Behaviour, Event, Happening
 from husky_control.modes.context import ModeContext
 from husky_control.rotation import tilt_of
 from husky_control.tick_data import CYCLIC_POSITION, CYCLIC_VELOCITY, TICK, JointCommand
@@ -36,6 +36,8 @@ ROUNDS = 20
 """Moves from face to face after which it gives up."""
 TIPPED = math.radians(25.0)
 """Tilt below which the body is about to tip onto its perch, and pushing ends [rad]."""
+FLAT = 0.2
+"""Tilt of a body that lies flat on its perch, at most [rad]."""
 FALLEN_BACK = math.radians(100.0)
 """Tilt above which rising has failed [rad]."""
 EDGE = math.radians(80.0)

@@ -148,7 +148,7 @@ class Master(CommandedMaster):
 
     @property
     def _settled(self) -> bool:
-        """Whether a stop has come to the point at which the axes brake."""
+        """True if a stop has come to the point at which the axes brake."""
         return self._ticks_left <= 0 or (self._sent_mode is _CSP and self.settling.done)
 
     def _begin_mode(self) -> None:
