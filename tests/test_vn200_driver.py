@@ -8,16 +8,20 @@ import pytest
 
 pytest.importorskip("rclpy")
 
+from diagnostic_msgs.msg import DiagnosticStatus
 from lifecycle_msgs.msg import State, Transition
 from node_bench import SensorBench, assert_refused
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Imu
 
 from husky_description.robot import load_robot
+from husky_drivers.vn200.binary import BinaryOutput, OutputLayout
 from husky_drivers.vn200.imu import ImuFigures
+from husky_drivers.vn200.protocol import encode_ascii
 from husky_runtime import graph
 from husky_runtime.nodes import stamps
 from husky_sim.devices.vn200.device import Vn200Device, Vn200Options
+from husky_sim.devices.vn200.registers import Vn200Settings
 
 pytestmark = pytest.mark.graph
 
@@ -27,12 +31,17 @@ FIGURES = ImuFigures.of(load_robot().imu)
 TILT = Rotation.from_euler("xyz", [0.2, -0.1, 2.5])
 POSE = (tuple(TILT.as_quat()), (0.5, -0.25, 1.0), (1.0, 2.0, 9.0))
 
+OFF = BinaryOutput(0, 1, None)
+OTHERS = BinaryOutput(1, 80, OutputLayout([0x0009]))
+"""What somebody has saved as binary output 2: 26 bytes, 10 times a second."""
+
 
 class Bench(SensorBench):
     """An IMU that turns on the spot, at about its own pace, and its driver."""
 
     def __init__(self, domain, directory, **parameters):
-        self.imu = Vn200Device(FIGURES, 5, Vn200Options(reset_time=0.0))
+        saved = Vn200Settings(outputs=(OFF, OTHERS, OFF))
+        self.imu = Vn200Device(FIGURES, 5, Vn200Options(reset_time=0.0, saved=saved))
         super().__init__(domain, directory, MODULE, 0.00125, self._tick, Imu, graph.IMU)
         self.start(port=self.port.path, **parameters)
 
@@ -73,6 +82,12 @@ def test_samples_in_ros_axes_stamped_by_the_device(bench):
     )
     assert float(values["rate"]) > 100.0
     assert (values["crc_errors"], values["missed"], values["reconnects"]) == ("0", "0", "0")
+    assert values["changed"].split("; ") == [
+        "baud rate was 115200: set to 921600",
+        "ASCII output VNYPR was on: turned off",
+        "binary output 2 was on at 10 Hz (1,80,01,0009): turned off",
+        "binary output 1 was 0,1,00: set to 1,1,01,0131",
+    ]
 
 
 def test_faults_of_line_and_device_are_reported_and_survived(bench):
@@ -83,9 +98,22 @@ def test_faults_of_line_and_device_are_reported_and_survived(bench):
     assert int(values["truncated"]) > 0
     assert int(values["reconnects"]) == 1
     with bench.held():
+        bench.imu.inject("")
+        bench.imu.feed(encode_ascii("VNWRG,76,1,8,01,0009"))
+    values = bench.wait_for_report(lambda s: "no packet of ours" in s.message, "strange output")
+    assert float(values["garbage_rate"]) > 100.0
+    with bench.held():
         bench.imu.inject("power_cycle")
     bench.wait_for_samples()
     bench.wait_for_good_report()
+    with bench.held():
+        bench.imu.inject("power_cycle")
+        for request in ("VNWRG,26,0,1,0,-1,0,0,0,0,1", "VNWNV", "VNRST"):
+            bench.imu.feed(encode_ascii(request))
+    bench.wait_for_report(
+        lambda s: s.level == DiagnosticStatus.ERROR and "$VNWRG,26,1,0,0,0,1" in s.message,
+        "the turned frame",
+    )
 
 
 def test_a_deactivated_driver_gives_the_port_back(bench):

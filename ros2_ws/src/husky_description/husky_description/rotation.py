@@ -7,6 +7,7 @@ a second and a fifth of one to import. Kernels have their own (`husky_control.ro
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
@@ -42,6 +43,22 @@ def rotate(rotation: Quaternion, vector: Vector) -> Vector:
         b + w * q + z * p - x * r,
         c + w * r + x * q - y * p,
     )
+
+
+def from_rows(matrix: Sequence[float]) -> Quaternion:
+    """Return the quaternion of a rotation matrix (9,), row by row."""
+    a, b, c, d, e, f, g, h, i = matrix
+    x, y, z, w = (
+        0.5 * math.sqrt(max(0.0, square))
+        for square in (1 + a - e - i, 1 - a + e - i, 1 - a - e + i, 1 + a + e + i)
+    )
+    if w >= max(x, y, z):
+        return 0.25 * (h - f) / w, 0.25 * (c - g) / w, 0.25 * (d - b) / w, w
+    if x >= max(y, z):
+        return x, 0.25 * (b + d) / x, 0.25 * (c + g) / x, 0.25 * (h - f) / x
+    if y >= z:
+        return 0.25 * (b + d) / y, y, 0.25 * (f + h) / y, 0.25 * (c - g) / y
+    return 0.25 * (c + g) / z, 0.25 * (f + h) / z, z, 0.25 * (d - b) / z
 
 
 def from_roll_pitch_yaw(roll: float, pitch: float, yaw: float) -> Quaternion:

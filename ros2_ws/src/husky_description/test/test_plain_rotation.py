@@ -12,6 +12,7 @@ from husky_description.rotation import (
     about_z,
     conjugate,
     from_roll_pitch_yaw,
+    from_rows,
     multiply,
     rotate,
     swap_body,
@@ -36,6 +37,16 @@ def test_products_and_turned_vectors(a, b, vector):
     assert (product.inv() * a * b).magnitude() < 1e-12
     assert rotate(plain(a), vector) == pytest.approx(a.apply(vector), abs=1e-12)
     assert rotate(conjugate(plain(a)), vector) == pytest.approx(a.inv().apply(vector), abs=1e-12)
+
+
+@given(TURN, st.sampled_from([None, "x", "y", "z"]))
+def test_the_rows_of_a_matrix(turn, half_turn_about):
+    """Near half a turn as well, where one element of the quaternion vanishes."""
+    if half_turn_about is not None:
+        turn = Rotation.from_euler(half_turn_about, math.pi)
+    made = from_rows(turn.as_matrix().ravel().tolist())
+    assert (Rotation.from_quat(made).inv() * turn).magnitude() < 1e-7
+    assert np.linalg.norm(made) == pytest.approx(1.0, abs=1e-12)
 
 
 @given(ANGLE, PITCH, ANGLE)

@@ -18,7 +18,7 @@ from husky_drivers.vn200.session import SessionConfig, SessionState
 def test_the_dialogue_with_a_device_from_the_factory():
     line = streaming_line()
     assert line.device.heard == DIALOGUE
-    assert line.session.model == "VN-200T-CR"
+    assert line.session.setup.model == "VN-200T-CR"
     assert len(line.samples) == pytest.approx(80, abs=2)
 
 
@@ -43,7 +43,7 @@ def test_another_rate_and_divisor_can_be_wanted():
     assert line.device.output == ("1", "2", "01", "0131")
 
 
-@pytest.mark.parametrize("lost", range(1, 7))
+@pytest.mark.parametrize("lost", range(1, len(DIALOGUE)))
 def test_one_lost_message_of_the_dialogue_is_made_up_for(lost):
     device = Script()
     line = Line(device)
@@ -73,7 +73,7 @@ def test_a_device_that_answers_something_else_is_asked_again_not_believed():
     device = Script(baud=921600)
     line = Line(device)
     line.run_until(SessionState.CONFIGURING, 1.0)
-    device.answer = lambda data: b"$VNWRG,06,1*6D\r\n"
+    device.answer = lambda data: b"$VNRRG,06,1*68\r\n"
     line.run(1.0)
     assert line.session.state is SessionState.CONFIGURING
     device.answer = None
@@ -107,6 +107,106 @@ def test_damage_on_the_way_to_the_device_is_made_up_for_at_once():
     line.run(0.01)
     device.answer = None
     assert line.run_until(SessionState.STREAMING, 1.0) < 0.1
+
+
+# Registers that somebody else has set -------------------------------------------------------------
+def configured(limit=0.5, **registers):
+    """Return a line whose device at the right rate had these registers, and what was written."""
+    device = Script(921600, **registers)
+    line = Line(device)
+    line.run_until(SessionState.STREAMING, limit)
+    return line, [data.decode().split("*")[0] for data in device.heard if b"WRG" in data]
+
+
+def test_outputs_of_others_go_off_before_ours_goes_on():
+    line, written = configured(
+        r75=("1", "16", "01", "0029"),
+        r76=("1", "4", "05", "0139", "000C"),
+        r77=("3", "80", "01", "1"),
+    )
+    assert written == [
+        "$VNWRG,06,0",
+        "$VNWRG,76,0,4,05,0139,000C",
+        "$VNWRG,77,2,80,01,1",  # port 2 keeps what it gets
+        "$VNWRG,75,1,1,01,0131",
+    ]
+    assert list(line.session.setup.changes.values()) == [
+        "ASCII output VNYPR was on: turned off",
+        "binary output 2 was on at 200 Hz (1,4,05,0139,000C): turned off",
+        "binary output 3 was on at 10 Hz (3,80,01,1): turned off",
+        "binary output 1 was 1,16,01,0029: set to 1,1,01,0131",
+    ]
+
+
+def test_a_device_that_is_as_it_should_be_is_not_written_to():
+    line, written = configured(r06=("0",), r75=("1", "01", "1", "131"), r76=("2", "4", "01", "29"))
+    assert written == []
+    assert line.session.setup.changes == {}
+
+
+def test_groups_that_we_do_not_know_are_turned_off_all_the_same():
+    _, written = configured(r76=("1", "4", "81", "8139", "0001"), r06=("19",))
+    assert written[:2] == ["$VNWRG,06,0", "$VNWRG,76,0,4,81,8139,0001"]
+
+
+def test_register_30_gets_what_the_dialogue_needs_and_keeps_the_rest():
+    line, written = configured(r30=("2", "1", "1", "2", "0", "2", "0"))
+    assert written[0] == "$VNWRG,30,0,0,1,2,1,2,1"
+    assert line.session.setup.changes[30] == (
+        "protocol control was 2,1,1,2,0,2,0: set to 0,0,1,2,1,2,1"
+    )
+
+
+def test_a_turned_frame_is_refused_until_somebody_corrects_it():
+    device = Script(921600, r26=("0", "1", "0", "-1", "0", "0", "0", "0", "1"))
+    line = Line(device)
+    line.run(3.0)
+    assert line.session.state is SessionState.CONFIGURING
+    assert line.session.problem == (
+        "reference frame rotation (register 26) is 0,1,0,-1,0,0,0,0,1, "
+        "expected 1,0,0,0,1,0,0,0,1: all samples would be turned. If the device is mounted so, set "
+        "the parameter frame_rotation; if not, send $VNWRG,26,1,0,0,0,1,0,0,0,1*XX, $VNWNV*57, "
+        "$VNRST*4D"
+    )
+    assert not any(b"WRG" in data for data in device.heard)
+    device.registers["26"] = ("1.0", "0", "0", "0", "+1", "0", "0", "0", "1.000000")
+    line.run_until(SessionState.STREAMING, 1.0)
+    assert line.session.problem == ""
+
+
+def test_a_turned_frame_can_be_what_is_wanted():
+    turned = ("-1", "0", "0", "0", "-1", "0", "0", "0", "1")
+    line = Line(Script(921600, r26=turned), frame_rotation=tuple(float(c) for c in turned))
+    line.run_until(SessionState.STREAMING, 0.5)
+
+
+@pytest.mark.parametrize("held", [(), ("1",), ("nan",) * 9, ("1", "x", *"0000000")])
+def test_a_frame_that_is_none_is_refused(held):
+    line = Line(Script(921600, r26=held))
+    line.run(1.0)
+    assert line.session.problem.startswith("reference frame rotation (register 26) is ")
+
+
+def test_a_register_30_that_is_too_short_is_told():
+    line = Line(Script(921600, r30=("0", "0")))
+    line.run(1.0)
+    assert line.session.problem == "register 30 holds '0,0'"
+
+
+def test_output_is_off_before_a_slower_line_must_carry_it():
+    device = Script(921600, r75=("1", "1", "01", "0139"), r76=("1", "1", "01", "0029"))
+    line = Line(device, baud=230400, rate=400)
+    line.run_until(SessionState.CHANGING_BAUD, 0.5)
+    assert (device.registers["75"][0], device.registers["76"][0], device.registers["06"]) == (
+        "0",
+        "0",
+        ("0",),
+    )
+    line.run_until(SessionState.CONFIGURING, 0.5)
+    line.run(0.1)
+    assert device.baud == 230400
+    assert line.session.setup.changes[5] == "baud rate was 921600: set to 230400"
+    assert device.registers["75"] == ("1", "2", "01", "0131")
 
 
 # Rates ------------------------------------------------------------------------------------------
@@ -286,6 +386,9 @@ def test_whatever_arrives_nothing_raises_and_a_good_device_is_found_afterwards(c
         ({"baud": 115200}, "rate is 800 Hz: packets of 54 bytes fit into 115200 baud up to 213 Hz"),
         ({"stale_after": 0.001}, "stale_after is 0.001 s, it must be within 0.0025 and 60"),
         ({"silence_timeout": math.nan}, "silence_timeout is nan s"),
+        ({"frame_rotation": (1.0,) * 9}, "frame_rotation is .* nine numbers of a rotation matrix"),
+        ({"frame_rotation": (1.0,)}, "frame_rotation is .1.0., it must be nine numbers"),
+        ({"frame_rotation": (-1.0, 0, 0, 0, -1.0, 0, 0, 0, -1.0)}, "must be nine numbers"),
     ],
 )
 def test_a_bad_configuration_says_what_is_allowed(config, words):

@@ -9,21 +9,36 @@ DIALOGUE = [
     b"$VNASY,0*4F\r\n",
     b"$VNWRG,05,921600*53\r\n",
     b"$VNASY,0*4F\r\n",
-    b"$VNWRG,06,0*6C\r\n",
     b"$VNRRG,01*72\r\n",
+    b"$VNRRG,30*70\r\n",
+    b"$VNRRG,26*77\r\n",
+    b"$VNRRG,06*75\r\n",
+    b"$VNWRG,06,0*6C\r\n",
+    b"$VNRRG,76*72\r\n",
+    b"$VNRRG,77*73\r\n",
+    b"$VNRRG,75*71\r\n",
     b"$VNWRG,75,1,1,01,0131*76\r\n",
     b"$VNASY,1*4E\r\n",
 ]
+"""With a device from the factory."""
+FACTORY = {
+    "06": ("1",),
+    "26": ("1", "0", "0", "0", "1", "0", "0", "0", "1"),
+    "30": ("0", "0", "0", "0", "1", "0", "1"),
+    "75": ("0", "1", "00"),
+    "76": ("0", "1", "00"),
+    "77": ("0", "1", "00"),
+}
 
 
 class Script:
     """A device that echoes what it is told, at its baud rate, and can be made to misbehave."""
 
-    def __init__(self, baud=115200, replies_at_new_baud=False):
+    def __init__(self, baud=115200, replies_at_new_baud=False, **registers):
+        self.registers = FACTORY | {name[1:]: fields for name, fields in registers.items()}
         self.baud = baud
         self.replies_at_new_baud = replies_at_new_baud
         self.model = "VN-200T-CR"
-        self.output = ("0", "1", "00")
         self.paused = False
         self.heard = []
         self.lose = 0
@@ -49,14 +64,23 @@ class Script:
             self.paused = fields == ("0",)
         elif message.command == "WRG" and fields[0] == "05":
             self.baud = int(fields[1])
-        elif message.command == "WRG" and fields[0] == "75":
-            self.output = fields[1:]
+        elif message.command == "WRG":
+            self.registers[fields[0]] = fields[1:]
         elif message.command == "RRG" and fields[0] == "01":
             fields = (*fields, self.model)
-        elif message.command == "RRG" and fields[0] == "75":
-            fields = (*fields, *self.output)
+        elif message.command == "RRG":
+            fields = (*fields, *self.registers[fields[0]])
         reply = AsciiMessage(message.command, fields).encode()
         return reply, self.baud if self.replies_at_new_baud else old
+
+    @property
+    def output(self):
+        """Binary output 1."""
+        return self.registers["75"]
+
+    @output.setter
+    def output(self, fields):
+        self.registers["75"] = fields
 
     @property
     def time(self):

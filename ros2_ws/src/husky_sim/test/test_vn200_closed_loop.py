@@ -3,6 +3,8 @@
 The last tests run the driver's thread on a pseudo-terminal.
 """
 
+import dataclasses
+import math
 import threading
 import time
 
@@ -13,12 +15,14 @@ from scipy.spatial.transform import Rotation
 
 from husky_description.robot import load_robot
 from husky_description.rotation import swap_body, swap_world_and_body
-from husky_drivers.vn200.imu import ImuFigures
+from husky_drivers.vn200.binary import IMU_LAYOUT, BinaryOutput
+from husky_drivers.vn200.imu import GravityCheck, ImuFigures
 from husky_drivers.vn200.link import Vn200Link
-from husky_drivers.vn200.protocol import BAUDS, encode_ascii
+from husky_drivers.vn200.protocol import BAUDS, AsyncType, encode_ascii
 from husky_drivers.vn200.session import SessionConfig, SessionState, Vn200Session
 from husky_runtime.ports.pty_port import PtyPort, receive
 from husky_sim.devices.vn200.device import Vn200Device, Vn200Options
+from husky_sim.devices.vn200.registers import Vn200Settings
 
 FIGURES = ImuFigures.of(load_robot().imu)
 PERIOD = 0.00125
@@ -106,6 +110,87 @@ def test_a_device_left_at_any_rate_is_found(baud):
     while wire.device.baud != baud:
         wire.device.take_output()
     assert wire.time_to_stream() < 1.5
+
+
+# What somebody has saved in the device ------------------------------------------------------------
+def output(text):
+    return BinaryOutput.from_fields(text.split(","))
+
+
+OFF = output("0,1,00")
+
+
+@pytest.mark.parametrize(
+    "saved",
+    [
+        # Beside 800 Hz of ours this is 880 kbit/s more than the line has: "insufficient baud rate".
+        {"baud": 921600, "outputs": (OFF, output("1,1,05,0139,0600"), OFF)},
+        {"outputs": (output("1,80,01,0009"), output("1,80,01,0008"), output("3,40,01,0010"))},
+        {"baud": 460800, "async_rate": 200, "async_type": AsyncType.QTN},
+        {"protocol": (2, 1, 0, 0, 2, 0, 0)},
+        {"protocol": (0, 0, 0, 0, 0, 0, 2)},
+    ],
+)
+def test_whatever_is_saved_nothing_but_our_packets_is_on_the_line(saved):
+    wire = Wire(saved=Vn200Settings(**saved))
+    assert wire.time_to_stream() < 0.5
+    before = dataclasses.replace(wire.session.parser.counters)
+    wire.run(0.2)
+    counters = wire.session.parser.counters
+    assert counters.packet_bytes - before.packet_bytes == counters.bytes - before.bytes == 160 * 54
+    assert wire.session.setup.changes
+
+
+def test_a_device_refuses_more_output_than_its_line_carries():
+    """Else the case before would show nothing."""
+    wire = Wire(saved=Vn200Settings(baud=921600, outputs=(OFF, output("1,1,05,0139,0600"), OFF)))
+    wire.device.feed(encode_ascii("VNWRG,75,1,1,01,0131"))
+    assert b"$VNERR,0C*02\r\n" in wire.device.take_output()
+
+
+def test_output_that_others_turn_on_later_is_counted_as_garbage():
+    wire = streaming_wire()
+    before = wire.session.parser.counters.garbage_bytes
+    wire.device.feed(encode_ascii("VNWRG,76,1,4,01,0009"))
+    wire.run(1.0)
+    assert wire.session.state is SessionState.STREAMING
+    assert wire.session.parser.counters.garbage_bytes - before == pytest.approx(200 * 26, abs=52)
+
+
+def test_a_turned_frame_turns_all_samples_and_is_refused():
+    rows = (0.0, 1.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+    wire = Wire(saved=Vn200Settings(frame=rows))
+    wire.run(1.0)
+    assert wire.session.state is SessionState.CONFIGURING
+    assert wire.session.problem.startswith("reference frame rotation (register 26) is 0,1,0,-1,")
+    wire.device.feed(encode_ascii("VNWRG,26,1,0,0,0,1,0,0,0,1") + encode_ascii("VNWNV"))
+    wire.device.feed(encode_ascii("VNRST"))
+    assert wire.time_to_stream() < 1.5
+    assert swap_body(wire.samples[-1][8:]) == pytest.approx(POSE[2], abs=6 * FIGURES.accel_noise)
+
+
+@pytest.mark.parametrize("tared", [False, True])
+def test_a_tare_shows_in_the_direction_of_gravity(tared):
+    """A device 17 deg off level that is told to call that level; ten samples a second for 20 s."""
+    device = Vn200Device(FIGURES, 3)
+    check = GravityCheck()
+    tilt = Rotation.from_euler("xyz", [0.3, 0.0, 2.0])
+    pose = (tuple(tilt.as_quat()), (0.0, 0.0, 0.0), tuple(tilt.inv().apply((0.0, 0.0, 9.81))))
+    device.sample(0, *pose)
+    if tared:
+        device.feed(encode_ascii("VNTAR"))
+    device.feed(encode_ascii("VNWRG,06,0") + encode_ascii("VNWRG,05,921600"))
+    device.take_output()
+    device.take_output()
+    device.feed(encode_ascii("VNWRG,75,1,1,01,0131"))
+    device.take_output()
+    for tick in range(1, 200):
+        device.sample(tick * 100_000_000, *pose)
+        check.take(IMU_LAYOUT.unpack_from(device.take_output()))
+        if tick == 150:  # the mean has 0.8 of its weight after 10 ln 5 = 16.1 s
+            assert math.isnan(check.angle) and not check.disagrees
+    assert check.angle == pytest.approx(0.3 if tared else 0.0, abs=4 * FIGURES.tilt_error)
+    assert check.disagrees is tared
 
 
 @pytest.mark.parametrize(
@@ -263,7 +348,7 @@ def test_the_link_streams_from_a_pseudo_terminal(bench):
     _, reader = bench
     reader.wait_for_samples(200)
     assert reader.link.state == "streaming"
-    assert reader.link.session.model == "VN-200T-CR"
+    assert reader.link.session.setup.model == "VN-200T-CR"
     assert reader.link.connections == 1
 
 

@@ -38,6 +38,7 @@ def test_euler_angles_are_those_of_the_rotation():
         ("VNRRG,05", "$VNRRG,05,115200*5D"),
         ("VNRRG,07", "$VNRRG,07,40*5C"),
         ("VNRRG,30", "$VNRRG,30,0,0,0,0,1,0,1*6C"),
+        ("VNRRG,26", "$VNRRG,26,1,0,0,0,1,0,0,0,1*6A"),
         ("VNWRG,06,0", "$VNWRG,06,0*6C"),
         ("VNWRG,07,40", "$VNWRG,07,40*59"),
         ("VNWRG,07,200", "$VNWRG,07,200*6F"),
@@ -72,6 +73,8 @@ def test_replies_are_the_published_ones(request_body, reply):
         ("VNWRG,75,1,1,01,8000", 7),
         ("VNWRG,75,1,1,08,0001", 7),  # no GPS in the emulator, and it says so
         ("VNASY,2", 7),
+        ("VNWRG,26,1,0,0,0,1,0,0,0,2", 7),
+        ("VNWRG,30,0,0,0,0,3,0,1", 7),
         ("VNRRG,x", 7),
         ("VNRRG,99", 8),
         ("VNWRG,01,VN-300", 9),
@@ -106,6 +109,35 @@ def test_unasked_output_is_secured_as_register_30_says():
     bench = Bench()
     bench.say("VNWRG,30,0,0,0,0,2,0,1")
     assert decode_ascii(bench.run(20)).checksum is Checksum.CRC16
+
+
+@pytest.mark.parametrize(
+    ("control", "behind"),
+    [("1,0", ["T0000000"]), ("0,1", ["S0000"]), ("2,2", ["T0000000", "S0000"])],
+)
+def test_counter_and_status_stand_behind_unasked_output(control, behind):
+    bench = Bench()
+    assert len(bench.say(f"VNWRG,30,{control},0,0,1,0,1")) == 1
+    assert list(decode_ascii(bench.run(20)).fields[3:]) == behind
+
+
+def test_a_reference_frame_rotation_counts_after_a_save_and_a_reset():
+    """Of a device lying on its right side: what it calls z is the user's y."""
+    bench = Bench(reset_time=0.0).stream()
+    rows = (1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, -1.0, 0.0)
+    pose = (LEVEL[0], (0.1, 0.2, 0.3), LEVEL[2])
+    (before,) = packets(bench.run(1, pose))
+    bench.say("VNWRG,26," + ",".join(f"{number:g}" for number in rows))
+    assert packets(bench.run(1, pose))[0][1:] == before[1:]
+    bench.say("VNWNV")
+    bench.say("VNRST")
+    (after,) = packets(bench.run(1, pose))
+    matrix = np.reshape(rows, (3, 3))
+    assert matrix @ before[5:8] == pytest.approx(after[5:8])
+    assert matrix @ before[8:11] == pytest.approx(after[8:11])
+    for first, second in (before[8:11], after[8:11]), (before[5:8], after[5:8]):
+        in_world = Rotation.from_quat(before[1:5]).apply(first)
+        assert Rotation.from_quat(after[1:5]).apply(second) == pytest.approx(in_world, abs=1e-6)
 
 
 def test_error_modes():

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import math
 import sys
 import time
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from sensor_msgs.msg import Imu
 
 from husky_description.rotation import swap_body, swap_world_and_body
 from husky_drivers.nodes.clock_parameters import declare_clock
 from husky_drivers.vn200.clock import HostClock
+from husky_drivers.vn200.commissioning import IDENTITY
 from husky_drivers.vn200.imu import ImuFigures, Values
 from husky_drivers.vn200.link import Vn200Link
-from husky_drivers.vn200.session import SessionConfig, SessionState
+from husky_drivers.vn200.session import SessionConfig, SessionState, Vn200Session
 from husky_runtime import graph
 from husky_runtime.nodes import diagnostics, qos
 from husky_runtime.nodes.device_node import DeviceNode
@@ -21,6 +24,10 @@ from husky_runtime.nodes.parameters import declare, declare_robot
 from husky_runtime.nodes.patched_message import PatchedMessage
 from husky_runtime.nodes.presence import default_serial_port
 from husky_runtime.nodes.run import run
+
+_ROTATION = "nine numbers of a rotation matrix"
+_GARBAGE_SHARE = 0.01
+"""Share of bytes of no packet and no line above which somebody else's output is on the line."""
 
 
 class Vn200Driver(DeviceNode[Vn200Link]):
@@ -44,7 +51,14 @@ class Vn200Driver(DeviceNode[Vn200Link]):
             "wall time that a stale device may answer nothing before the port is reopened and its "
             "baud rate looked for [s]"
         )
+        frame = (
+            "reference frame rotation that register 26 of the device must hold, row by row: from "
+            "the device's axes into forward, right, down of imu_link"
+        )
         self._config = SessionConfig(
+            frame_rotation=tuple(
+                declare(self, "frame_rotation", list(IDENTITY), frame, constraints=_ROTATION)
+            ),
             baud=declare(self, "baud", 921600, "rate to run the line at [baud]", 9600, 921600),
             rate=declare(self, "rate", 800, "packet rate, a divisor of 800 [Hz]", 1, 800),
             stale_after=stale,
@@ -52,13 +66,13 @@ class Vn200Driver(DeviceNode[Vn200Link]):
         )
         self._message = imu_message(ImuFigures.of(declare_robot(self).imu))
         self._publisher = self.create_lifecycle_publisher(Imu, graph.IMU, qos.CONTROL_OFFERED)
-        self._last_report = (time.monotonic(), 0, 0)
+        self._last_report = _Counts()
         self._diagnostics = diagnostics.Diagnostics(self, "VN-200", self._report)
         self.autostart()
 
     def make_link(self) -> Vn200Link:
         """Return a link to the port."""
-        self._last_report = (time.monotonic(), 0, 0)
+        self._last_report = _Counts()
         publish, world_time = self._publish, self.world_time
         return Vn200Link(
             self._port, self._config, publish, on_state=self.say, world_time=world_time
@@ -85,16 +99,16 @@ class Vn200Driver(DeviceNode[Vn200Link]):
             return diagnostics.WARN, "not active", {"port": self._port}
         session = link.session
         stream, samples = session.parser.counters, session.samples.counters
-        damaged = stream.crc_errors + stream.checksum_errors + stream.truncated + samples.invalid
-        now = time.monotonic()
-        last, last_good, last_damaged = self._last_report
-        self._last_report = (now, samples.good, damaged)
+        last, now = self._last_report, _Counts.of(session)
+        self._last_report = now
+        period = max(now.time - last.time, 1e-3)
+        garbage = now.garbage - last.garbage
         values: Mapping[str, object] = {
             "state": link.state,
             "port": link.path,
-            "model": session.model,
+            "model": session.setup.model,
             "baud": session.baud,
-            "rate": f"{(samples.good - last_good) / max(now - last, 1e-3):.1f}",
+            "rate": f"{(now.good - last.good) / period:.1f}",
             "samples": samples.good,
             "missed": samples.missed,
             "repeated": samples.repeated,
@@ -104,6 +118,9 @@ class Vn200Driver(DeviceNode[Vn200Link]):
             "checksum_errors": stream.checksum_errors,
             "truncated": stream.truncated,
             "garbage_bytes": stream.garbage_bytes,
+            "garbage_rate": f"{garbage / period:.0f}",
+            "gravity_error_deg": f"{math.degrees(session.gravity.angle):.1f}",
+            "changed": "; ".join(session.setup.changes.values()),
             "connections": link.connections,
             "reconnects": max(0, link.connections - 1),
             "times_stale": session.times_stale,
@@ -113,10 +130,49 @@ class Vn200Driver(DeviceNode[Vn200Link]):
         if not link.connected:
             return diagnostics.ERROR, f"{link.state}: {link.error}", values
         if session.told_state is not SessionState.STREAMING:
-            return diagnostics.WARN, link.state, values
-        if damaged > last_damaged:
-            return diagnostics.WARN, f"{damaged - last_damaged} messages damaged", values
+            if session.setup.refusal:
+                return diagnostics.ERROR, f"{link.state}: {session.problem}", values
+            why = f": {session.problem}" if session.problem else ""
+            return diagnostics.WARN, link.state + why, values
+        if now.damaged > last.damaged:
+            return diagnostics.WARN, f"{now.damaged - last.damaged} messages damaged", values
+        if last.streaming and garbage > _GARBAGE_SHARE * (now.bytes - last.bytes):
+            return diagnostics.WARN, f"{garbage / period:.0f} bytes/s are no packet of ours", values
+        if session.gravity.disagrees:
+            turned = f"attitude and gravity differ by {math.degrees(session.gravity.angle):.0f} deg"
+            return diagnostics.WARN, f"{turned}: a tare? Power the device off and on", values
         return diagnostics.OK, link.state, values
+
+
+@dataclass(frozen=True)
+class _Counts:
+    """What a report compares with the one before.
+
+    Attributes:
+        time: monotonic time [s].
+        good, damaged: samples, and messages that are none.
+        bytes, garbage: arrived, and those of no message.
+        streaming: samples came: before, bytes of another baud rate or output are expected.
+    """
+
+    time: float = field(default_factory=time.monotonic)
+    good: int = 0
+    damaged: int = 0
+    bytes: int = 0
+    garbage: int = 0
+    streaming: bool = False
+
+    @staticmethod
+    def of(session: Vn200Session) -> _Counts:
+        """Return those of now."""
+        stream, samples = session.parser.counters, session.samples.counters
+        return _Counts(
+            good=samples.good,
+            damaged=stream.crc_errors + stream.checksum_errors + stream.truncated + samples.invalid,
+            bytes=stream.bytes,
+            garbage=stream.garbage_bytes,
+            streaming=session.told_state is SessionState.STREAMING,
+        )
 
 
 def imu_message(figures: ImuFigures) -> PatchedMessage:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, fields
 
-from husky_description.rotation import Vector
+from husky_description.rotation import Vector, rotate
 from husky_description.sections import ImuSection
 from husky_drivers.clock_restart import ClockRestart
 
@@ -159,3 +159,62 @@ class SampleGate:
         self._last_time = int(time)
         counters.good += 1
         return True
+
+
+class GravityCheck:
+    """Angle between gravity as the accelerometer feels it and as the reported attitude has it.
+
+    A tare turns the attitude and leaves no trace in a register. But the specific force, turned into
+    the world by the attitude, is gravity upside down in the mean over a time in which the body's
+    speed changes little, walking and flying too: over 10 s, 1 m/s tilts it by 0.6 deg.
+    """
+
+    limit = math.radians(5.0)
+    """Angle that no speed of the robot explains [rad]."""
+
+    def __init__(self, time: float = 10.0, period: float = 0.02):
+        """Start with nothing known.
+
+        Args:
+            time: time constant of the mean [s].
+            period: least time between two samples that are taken: it costs a rotation each [s].
+        """
+        self._time, self._period = time, period
+        self._begin()
+
+    def _begin(self) -> None:
+        self._last = -math.inf
+        self._weight = 0.0
+        self._sum: Vector = (0.0, 0.0, 0.0)
+
+    def take(self, values: Values) -> None:
+        """Take a sample; one before the last begins a new mean."""
+        now = 1e-9 * values[0]
+        step = now - self._last
+        if 0.0 <= step < self._period:
+            return
+        if not 0.0 <= step < self._time:
+            self._begin()
+            step = self._period
+        self._last = now
+        share = -math.expm1(-step / self._time)
+        _, x, y, z, w, _, _, _, a, b, c = values
+        force = rotate((x, y, z, w), (a, b, c))
+        north, east, down = (
+            old + share * (new - old) for old, new in zip(self._sum, force, strict=True)
+        )
+        self._sum = (north, east, down)
+        self._weight += share * (1.0 - self._weight)
+
+    @property
+    def angle(self) -> float:
+        """Angle between the two directions [rad]; NaN before the mean is one of `1.6 time`."""
+        north, east, down = self._sum
+        if self._weight < 0.8:
+            return math.nan
+        return math.atan2(math.hypot(north, east), -down)
+
+    @property
+    def disagrees(self) -> bool:
+        """Whether the attitude has been turned, or has not found gravity."""
+        return self.angle > self.limit

@@ -52,6 +52,7 @@ class Vn200Link(PortThread[SerialPort]):
         self._on_sample = on_sample
         self._on_state = on_state
         self._told = ""
+        self._told_changes: dict[int, str] = {}
 
     def _dialogue_state(self) -> str:
         return self.session.told_state.value
@@ -104,7 +105,12 @@ class Vn200Link(PortThread[SerialPort]):
         state = self.state
         if state == "probing" and self._told.startswith("probing"):
             return
-        text = f"{state}: {self.error}" if self.error else state
+        why = self.error or self.session.problem
+        text = f"{state}: {why}" if why else state
+        for register, change in self.session.setup.changes.items():
+            if self._told_changes.get(register) != change:
+                self._told_changes[register] = change
+                self._on_state(f"changed in the device: {change}")
         if text != self._told:
             self._told = text
             self._on_state(text)

@@ -42,10 +42,15 @@ class Register(IntEnum):
     QUATERNION = 9
     ACCELERATION = 18
     ANGULAR_RATE = 19
+    FRAME_ROTATION = 26
     PROTOCOL_CONTROL = 30
     BINARY_OUTPUT_1 = 75
     BINARY_OUTPUT_2 = 76
     BINARY_OUTPUT_3 = 77
+
+
+OUTPUTS = (Register.BINARY_OUTPUT_1, Register.BINARY_OUTPUT_2, Register.BINARY_OUTPUT_3)
+"""Registers of the binary outputs."""
 
 
 class AsyncType(IntEnum):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from husky_drivers.vn200.binary import BinaryOutput
@@ -53,13 +53,15 @@ def write_number(register: Register, value: int) -> Request:
     return Request(AsciiMessage("WRG", (f"{register:02d}", str(value))).encode(), answered_by)
 
 
-def write_output(output: BinaryOutput) -> Request:
-    """Set binary output 1."""
-    fields = (f"{Register.BINARY_OUTPUT_1:02d}", *output.to_fields())
-    return Request(
-        AsciiMessage("WRG", fields).encode(),
-        lambda message: message.command == "WRG" and output_in(message) == output,
-    )
+def write(register: Register, wanted: tuple[str, ...]) -> Request:
+    """Set a register to these fields; the echo may write its numbers with more or fewer zeros."""
+
+    def answered_by(message: AsciiMessage) -> bool:
+        if message.command != "WRG" or register_of(message) != register:
+            return False
+        return same_fields(message.fields[1:], wanted)
+
+    return Request(AsciiMessage("WRG", (f"{register:02d}", *wanted)).encode(), answered_by)
 
 
 def read(register: Register) -> Request:
@@ -76,6 +78,16 @@ def register_of(message: AsciiMessage) -> int:
         return decimal(message.fields[0])
     except (ProtocolError, IndexError):
         return -1
+
+
+def same_fields(some: Sequence[str], others: Sequence[str]) -> bool:
+    """Return whether fields of whole numbers, decimal or hexadecimal, mean the same."""
+    return [number_text(field) for field in some] == [number_text(field) for field in others]
+
+
+def number_text(field: str) -> str:
+    """Return a whole number's digits without the zeros in front."""
+    return field.lstrip("0").upper() or "0"
 
 
 def output_in(message: AsciiMessage) -> BinaryOutput | None:

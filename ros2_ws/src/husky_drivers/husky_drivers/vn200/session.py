@@ -1,7 +1,7 @@
 """The driver's side of the dialogue with a VN-200, as a state machine of bytes and time.
 
-It sends what ArduPilot's driver sends: pause, baud rate, ASCII output off, model, binary output,
-resume; each request again and again until its echo has come. Nothing here opens a port.
+It sends what ArduPilot's driver sends: pause, baud rate, registers, resume; each request again and
+again until its echo has come. Nothing here opens a port.
 """
 
 from __future__ import annotations
@@ -10,11 +10,13 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import Enum
+from itertools import chain
 
 from husky_drivers.silence import Silence, WorldTime
 from husky_drivers.vn200 import requests
 from husky_drivers.vn200.binary import IMU_LAYOUT, BinaryOutput
-from husky_drivers.vn200.imu import SampleGate, Values
+from husky_drivers.vn200.commissioning import IDENTITY, Vn200Commissioning, check_frame
+from husky_drivers.vn200.imu import GravityCheck, SampleGate, Values
 from husky_drivers.vn200.protocol import (
     BAUDS,
     BITS_PER_BYTE,
@@ -62,6 +64,7 @@ class SessionConfig:
     Attributes:
         baud: rate to run the line at [baud].
         rate: packet rate [Hz], a divisor of 800.
+        frame_rotation: reference frame rotation that the device must hold (9,), row by row.
         stale_after: silence after which the line counts as stale [s].
         silence_timeout: time a stale device may answer nothing before the port is reopened [s].
         request_period: time after which a request without echo is sent again [s].
@@ -70,6 +73,7 @@ class SessionConfig:
 
     baud: int = 921600
     rate: int = IMU_RATE
+    frame_rotation: tuple[float, ...] = IDENTITY
     stale_after: float = 0.05
     silence_timeout: float = 0.25
     request_period: float = 0.5
@@ -85,6 +89,7 @@ class SessionConfig:
                 f"rate is {self.rate} Hz: packets of {IMU_LAYOUT.size} bytes fit into {self.baud} "
                 f"baud up to {self.baud / BITS_PER_BYTE / IMU_LAYOUT.size:.0f} Hz"
             )
+        check_frame(self.frame_rotation)
         for name in ("stale_after", "silence_timeout", "request_period", "dwell"):
             least = 2.0 / self.rate if name == "stale_after" else 0.001
             if not least <= getattr(self, name) <= 60.0:
@@ -108,13 +113,13 @@ class Vn200Session:
         config: see `SessionConfig`.
         baud: rate that the port must have now [baud].
         state: see `SessionState`.
-        model: what register 1 says, "" before.
-        problem: the device's last complaint, "" when all is well.
+        setup: what the device holds, what was changed in it, and why it cannot be used.
         deadline: time by which `poll` must be called.
         reopen_wanted: the line is dead as it is.
         times_stale: how often the line went stale, by the time of the device's world.
         device_errors: `$VNERR` messages received.
         samples: which samples are good, and how many were not.
+        gravity: compares the reported attitude with the measured direction of gravity.
         parser: the stream parser with its own counters.
     """
 
@@ -123,24 +128,19 @@ class Vn200Session:
         self.config = config
         self.baud = config.baud
         self.state = SessionState.PROBING
-        self.model = ""
-        self.problem = ""
+        self.setup = Vn200Commissioning(config.output, config.frame_rotation)
+        self._complaint = ""
         self.deadline = -math.inf
         self.reopen_wanted = False
         self.times_stale = 0
         self.device_errors = 0
         self.samples = SampleGate(config.rate)
+        self.gravity = GravityCheck()
         self.parser = StreamParser(IMU_LAYOUT)
         self._pause = requests.pause(True)
         self._resume = requests.pause(False)
         self._read_output = requests.read(Register.BINARY_OUTPUT_1)
-        self._steps = (
-            requests.write_number(Register.ASYNC_TYPE, 0),
-            Request(requests.read(Register.MODEL).message, self._is_model),
-            requests.write_output(config.output),
-            self._resume,
-        )
-        self._step = 0
+        self._steps: Iterator[Request] = iter(())
         self._request: Request | None = None
         self._send_at = math.inf
         self._give_up_at = math.inf
@@ -171,6 +171,11 @@ class Vn200Session:
             message = self._request.message
         self._update_deadline()
         return message
+
+    @property
+    def problem(self) -> str:
+        """Why the device cannot be used, or its last complaint; "" when all is well."""
+        return self.setup.refusal or self._complaint
 
     @property
     def told_state(self) -> SessionState:
@@ -215,6 +220,7 @@ class Vn200Session:
             else:
                 self._hear(now)
         if samples:
+            self.gravity.take(samples[-1])
             self._sample_at = now
             self._silence.heard(1e-9 * samples[-1][0])
             if self.state is SessionState.STALE:
@@ -234,34 +240,24 @@ class Vn200Session:
 
     def _take_error(self, message: AsciiMessage, now: float) -> None:
         self.device_errors += 1
-        self.problem = f"device error {','.join(message.fields)}"
+        self._complaint = f"device error {','.join(message.fields)}"
         try:
             code = ErrorCode(hexadecimal(message.fields[0]))
         except (ProtocolError, ValueError, IndexError):
             return
-        self.problem += f" ({code.name.lower().replace('_', ' ')})"
+        self._complaint += f" ({code.name.lower().replace('_', ' ')})"
         if code in _TRANSIENT:
             self._send_at = min(self._send_at, now + 0.1 * self.config.request_period)
 
     def _take_answer(self, message: AsciiMessage, now: float) -> None:
         """The echo of the current request has come."""
-        self.problem = ""
+        self._complaint = ""
         if self.state is SessionState.PROBING:
-            if self.baud == self.config.baud:
-                self.state = SessionState.CONFIGURING
-                self._begin_step(0, now)
-            else:
-                self.state = SessionState.CHANGING_BAUD
-                self._ask(requests.write_number(Register.BAUD, self.config.baud), now)
-                self._give_up_at = now + self.config.dwell + requests.answer_time(self.baud)
+            self._configure(now)
         elif self.state is SessionState.CHANGING_BAUD:
             self._follow_baud(now)
         elif self.state is SessionState.CONFIGURING:
-            if self._step + 1 < len(self._steps):
-                self._begin_step(self._step + 1, now)
-            else:
-                self._sample_at = now
-                self._stream(now)
+            self._next_step(now)
         elif self._request is self._resume:
             self._ask(self._read_output, now + self._repeat_period)
         elif requests.output_in(message) == self.config.output:
@@ -314,19 +310,32 @@ class Vn200Session:
         self._probe_at(self.config.baud, now + 0.25 * self.config.dwell)
 
     # Configuring and streaming ------------------------------------------------------------------
-    def _begin_step(self, step: int, now: float) -> None:
-        self._step = step
-        self._ask(self._steps[step], now)
+    def _configure(self, now: float) -> None:
+        """Begin to set the device up; at another baud rate than the wanted one, to change that."""
+        self.state = SessionState.CONFIGURING
+        if self.baud == self.config.baud:
+            self._steps = chain(self.setup.before_streaming(), (self._resume,))
+        elif self.baud > self.config.baud:
+            self._steps = self.setup.before_slower_baud()
+        else:
+            self._steps = iter(())
+        self._next_step(now)
 
-    def _is_model(self, message: AsciiMessage) -> bool:
-        """Keep the model that a message tells; return whether it is one of VectorNav's."""
-        if message.command != "RRG" or requests.register_of(message) != Register.MODEL:
-            return False
-        self.model = ",".join(message.fields[1:])
-        if self.model.startswith("VN-"):
-            return True
-        self.problem = f"model {self.model!r} is no VectorNav IMU"
-        return False
+    def _next_step(self, now: float) -> None:
+        """Ask what comes next, or go on when all is set."""
+        request = next(self._steps, None)
+        if request is not None:
+            self._ask(request, now)
+        elif self.baud != self.config.baud:
+            self.state = SessionState.CHANGING_BAUD
+            self.setup.changes[Register.BAUD] = (
+                f"baud rate was {self.baud}: set to {self.config.baud}"
+            )
+            self._ask(requests.write_number(Register.BAUD, self.config.baud), now)
+            self._give_up_at = now + self.config.dwell + requests.answer_time(self.baud)
+        else:
+            self._sample_at = now
+            self._stream(now)
 
     def _stream(self, now: float) -> None:
         self.state = SessionState.STREAMING

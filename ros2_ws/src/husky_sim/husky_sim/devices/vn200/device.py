@@ -6,13 +6,28 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from husky_description.rotation import Quaternion, multiply, swap_world_and_body
+from husky_description.rotation import (
+    Quaternion,
+    conjugate,
+    from_rows,
+    multiply,
+    rotate,
+    swap_world_and_body,
+)
 from husky_drivers.vn200.binary import IMU_LAYOUT, BinaryOutput
+from husky_drivers.vn200.commissioning import IDENTITY
 from husky_drivers.vn200.imu import ImuFigures
 from husky_drivers.vn200.protocol import MAX_LINE, ErrorCode, ProtocolError, decode_ascii
 from husky_sim.devices.vn200.faults import LineFaults
 from husky_sim.devices.vn200.noise import ImuNoise
-from husky_sim.devices.vn200.registers import Measurement, Registers, ascii_output, binary_values
+from husky_sim.devices.vn200.registers import (
+    FACTORY,
+    Measurement,
+    Registers,
+    Vn200Settings,
+    ascii_output,
+    binary_values,
+)
 
 _TRANSMIT_BUFFER = 2048
 """Bytes that may wait to be sent before output is lost."""
@@ -28,12 +43,14 @@ class Vn200Options:
         reset_restarts_clock: a reset sets the device's clock to zero. Off by default: in the
             simulation the device's clock is the robot's clock.
         model: content of register 1.
+        saved: what somebody has left in its flash memory.
     """
 
     replies_at_new_baud: bool = False
     reset_time: float = 0.05
     reset_restarts_clock: bool = False
     model: str = "VN-200T-CR"
+    saved: Vn200Settings = FACTORY
 
 
 class Vn200Device:
@@ -66,7 +83,7 @@ class Vn200Device:
         self._count = 0
         self._tare: Quaternion | None = None
         self._measurement: Measurement = (0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-        self._registers = Registers(self.options.model)
+        self._registers = Registers(self.options.model, self.options.saved)
         self._power_on()
 
     def _power_on(self) -> None:
@@ -74,6 +91,8 @@ class Vn200Device:
         self._registers.load()
         self._baud = self._registers.settings.baud
         self._baud_to_be: int | None = None
+        frame = self._registers.settings.frame
+        self._frame = None if frame == IDENTITY else from_rows(frame)
         self._paused = False
         self._line.clear()
         self._plan_output()
@@ -161,6 +180,8 @@ class Vn200Device:
                 max(-accel, min(accel, -b - ay)),
                 max(-accel, min(accel, -c - az)),
             )
+            if self._frame is not None:
+                self._measurement = _turned(self._measurement, self._frame)
         if self._paused or time_ns < self._silent_until:
             return
         if len(self._output) > _TRANSMIT_BUFFER:
@@ -282,6 +303,17 @@ class Vn200Device:
             self._restart()
         else:
             self._faults.set(fault, intensity)
+
+
+def _turned(measurement: Measurement, frame: Quaternion) -> Measurement:
+    """Return what a device measures whose reference frame rotation is not the identity."""
+    time_ns, x, y, z, w, p, q, r, a, b, c = measurement
+    return (
+        time_ns,
+        *multiply((x, y, z, w), conjugate(frame)),
+        *rotate(frame, (p, q, r)),
+        *rotate(frame, (a, b, c)),
+    )
 
 
 def _encoder(output: BinaryOutput) -> Callable[[Measurement], bytes]:

@@ -9,11 +9,13 @@ from dataclasses import dataclass
 from typing import Any
 
 from husky_drivers.vn200.binary import BinaryOutput
+from husky_drivers.vn200.commissioning import IDENTITY, check_frame
 from husky_drivers.vn200.protocol import (
     ASYNC_RATES,
     BAUDS,
     BITS_PER_BYTE,
     FACTORY_BAUD,
+    OUTPUTS,
     AsciiMessage,
     AsyncType,
     Checksum,
@@ -27,7 +29,6 @@ Measurement = tuple[int, float, float, float, float, float, float, float, float,
 """What the driver's `Values` are: time [ns], quaternion (x, y, z, w) FRD body to NED, angular rate
 [rad/s] and specific force [m/s^2] in FRD body axes."""
 
-_OUTPUTS = (Register.BINARY_OUTPUT_1, Register.BINARY_OUTPUT_2, Register.BINARY_OUTPUT_3)
 _NO_OUTPUT = BinaryOutput(0, 1, None)
 _CHECKSUMS = (Checksum.NONE, Checksum.XOR, Checksum.CRC16)
 
@@ -44,6 +45,7 @@ class Vn200Settings:
         protocol: register 30: serial count, status, SPI count, status, checksum, SPI checksum,
             error mode.
         outputs: the three binary outputs.
+        frame: reference frame rotation, row by row; it acts after the next start.
     """
 
     tag: str = ""
@@ -52,6 +54,7 @@ class Vn200Settings:
     async_rate: int = 40
     protocol: tuple[int, ...] = (0, 0, 0, 0, 1, 0, 1)
     outputs: tuple[BinaryOutput, ...] = (_NO_OUTPUT, _NO_OUTPUT, _NO_OUTPUT)
+    frame: tuple[float, ...] = IDENTITY
 
     @property
     def bits_per_second(self) -> float:
@@ -63,12 +66,16 @@ class Vn200Settings:
         return load
 
 
+FACTORY = Vn200Settings()
+"""What a device from the factory has saved."""
+
+
 class Registers:
     """Reads and writes registers by their numbers."""
 
-    def __init__(self, model: str):
-        """Start with the factory's settings in flash memory."""
-        self._flash = Vn200Settings()
+    def __init__(self, model: str, saved: Vn200Settings):
+        """Start with the settings that somebody has saved in flash memory."""
+        self._flash = saved
         self.settings = self._flash
         self._fixed = {
             Register.MODEL: model,
@@ -87,7 +94,7 @@ class Registers:
 
     def factory_reset(self) -> None:
         """Put the factory's settings into flash memory."""
-        self._flash = Vn200Settings()
+        self._flash = FACTORY
 
     @property
     def error_mode(self) -> int:
@@ -127,8 +134,8 @@ class Registers:
         settings = self.settings
         if register in self._fixed:
             return (self._fixed[register],)
-        if register in _OUTPUTS:
-            return settings.outputs[_OUTPUTS.index(register)].to_fields()
+        if register in OUTPUTS:
+            return settings.outputs[OUTPUTS.index(register)].to_fields()
         if register in _ASCII_REGISTERS:
             return _ascii_fields(_ASCII_REGISTERS[register], measurement)
         return {
@@ -136,6 +143,7 @@ class Registers:
             Register.BAUD: (str(settings.baud),),
             Register.ASYNC_TYPE: (str(int(settings.async_type)),),
             Register.ASYNC_RATE: (str(settings.async_rate),),
+            Register.FRAME_ROTATION: tuple(f"{number:g}" for number in settings.frame),
             Register.PROTOCOL_CONTROL: tuple(str(number) for number in settings.protocol),
         }[register]
 
@@ -154,8 +162,8 @@ class Registers:
         if register in _PORT_REGISTERS and len(given) == 2:
             port = [given.pop()]
             _check_port(port)
-        if register not in _OUTPUTS:
-            count = 7 if register is Register.PROTOCOL_CONTROL else 1
+        if register not in OUTPUTS:
+            count = {Register.PROTOCOL_CONTROL: 7, Register.FRAME_ROTATION: 9}.get(register, 1)
             if len(given) < count:
                 raise ProtocolError(ErrorCode.NOT_ENOUGH_PARAMETERS, register.name)
             if len(given) > count:
@@ -173,13 +181,15 @@ class Registers:
         if register is Register.USER_TAG:
             _require(len(given[0]) <= 20, given[0])
             return {"tag": given[0]}
-        if register in _OUTPUTS:
+        if register in OUTPUTS:
             output = BinaryOutput.from_fields(given)
             if output.layout is not None:
                 binary_values(output.layout.fields, _LONGEST)
             outputs = list(self.settings.outputs)
-            outputs[_OUTPUTS.index(register)] = output
+            outputs[OUTPUTS.index(register)] = output
             return {"outputs": tuple(outputs)}
+        if register is Register.FRAME_ROTATION:
+            return {"frame": _rotation(given)}
         numbers = [decimal(field) for field in given]
         if register is Register.BAUD:
             _require(numbers[0] in BAUDS, given[0])
@@ -190,8 +200,8 @@ class Registers:
         if register is Register.ASYNC_RATE:
             _require(numbers[0] in ASYNC_RATES, given[0])
             return {"async_rate": numbers[0]}
-        # Counters and status behind each message (fields 0 to 3) are not emulated.
-        _require(not any(numbers[:4]) and max(numbers[4:]) <= 2, ",".join(given))
+        limits = (4, 2, 4, 2, 2, 2, 2)
+        _require(all(n <= m for n, m in zip(numbers, limits, strict=True)), ",".join(given))
         return {"protocol": tuple(numbers)}
 
 
@@ -204,6 +214,15 @@ def _register(fields: Sequence[str]) -> Register:
         raise
     except ValueError as error:
         raise ProtocolError(ErrorCode.INVALID_REGISTER, f"register {fields[0]}") from error
+
+
+def _rotation(given: Sequence[str]) -> tuple[float, ...]:
+    try:
+        frame = tuple(float(field) for field in given)
+        check_frame(frame)
+    except ValueError as error:
+        raise ProtocolError(ErrorCode.INVALID_PARAMETER, str(error)) from error
+    return frame
 
 
 def _require(condition: bool, what: str) -> None:
@@ -282,6 +301,8 @@ def ascii_output(settings: Vn200Settings) -> Callable[[Measurement], bytes] | No
         return None
     kind = AsyncType(settings.async_type)
     checksum = _CHECKSUMS[settings.protocol[4]]
+    # Nothing is connected to its synchronisation inputs, and its status is good.
+    behind = ("T0000000",) * (settings.protocol[0] > 0) + ("S0000",) * (settings.protocol[1] > 0)
     return lambda measurement: AsciiMessage(
-        _ASCII[kind][0], _ascii_fields(kind, measurement), checksum
+        _ASCII[kind][0], _ascii_fields(kind, measurement) + behind, checksum
     ).encode()
