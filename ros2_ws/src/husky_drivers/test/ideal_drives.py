@@ -6,9 +6,11 @@ import struct
 import numpy as np
 
 from husky_description.robot import load_robot
+from husky_drivers.ethercat import objects as od
 from husky_drivers.ethercat.axes import settings_of
 from husky_drivers.ethercat.bus import GOLD_TWITTER, AlState, Emergency, SdoAbort
 from husky_drivers.ethercat.master import Master
+from husky_drivers.ethercat.pdo import MAPPINGS, mapped
 from husky_drivers.joint_master.phase import Phase
 
 ROBOT = load_robot()
@@ -26,6 +28,12 @@ NEXT = {
     (ON, 0x0F): ENABLED,
     (ENABLED, 0x02): STOPPING,
     **{(state, 0x00): DISABLED for state in (READY, ON, ENABLED, STOPPING)},
+}
+
+FORMATS = {
+    (entry.index, entry.subindex): entry.format
+    for entry in vars(od).values()
+    if isinstance(entry, od.ObjectEntry)
 }
 
 
@@ -82,7 +90,13 @@ class IdealDrives:
         return waiting
 
     def sdo_read(self, position, index, subindex=0):
-        assert index == 0x6061
+        if index != 0x6061:
+            if (position, index, subindex) in self.objects:
+                return self.objects[position, index, subindex]
+            if index in MAPPINGS:
+                maps = mapped(index)
+                return struct.pack("<I", maps[subindex - 1]) if subindex else bytes([len(maps)])
+            return bytes(struct.calcsize(FORMATS[index, subindex]))
         if self.mode_shown is not None:
             return struct.pack("<b", self.mode_shown)
         return struct.pack("<b", self.rows[position][5] if self.frames else 0)

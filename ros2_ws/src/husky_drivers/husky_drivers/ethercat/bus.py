@@ -60,14 +60,16 @@ class Emergency:
     error_code: int
 
 
+NO_OBJECT, NO_SUBINDEX = 0x06020000, 0x06090011
+"""Abort codes of an entry that a slave does not have."""
 SDO_ABORT_CODES: dict[int, str] = {
     0x05040000: "timed out",
     0x06010001: "write-only object",
     0x06010002: "read-only object",
-    0x06020000: "no such object",
+    NO_OBJECT: "no such object",
     0x06040041: "object cannot be mapped",
     0x06070010: "wrong length",
-    0x06090011: "no such subindex",
+    NO_SUBINDEX: "no such subindex",
     0x06090030: "value out of range",
     0x08000022: "not in this state",
 }

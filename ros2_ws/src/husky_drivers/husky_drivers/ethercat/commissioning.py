@@ -1,9 +1,15 @@
-"""Setting drives up over the mailbox: who is there, parameters, AL states. May block."""
+"""Setting drives up over the mailbox: who is there, parameters, AL states. May block.
+
+A drive starts with what anybody has saved in it. Every object that the master relies on is read,
+written when it differs, and read back; what was changed is kept for diagnostics.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+import struct
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 from husky_drivers.ethercat import objects as od
 from husky_drivers.ethercat.axes import AxisSettings
@@ -11,11 +17,17 @@ from husky_drivers.ethercat.bus import (
     AL_ERROR,
     AL_STATUS_CODES,
     GOLD_TWITTER,
+    NO_OBJECT,
+    NO_SUBINDEX,
     AlState,
     Bus,
     SdoAbort,
 )
-from husky_drivers.ethercat.pdo import RX_ASSIGNMENT, TX_ASSIGNMENT
+from husky_drivers.ethercat.pdo import MAPPINGS, RX_ASSIGNMENT, TX_ASSIGNMENT, mapped
+
+_SPEED_MARGIN = 2.0
+"""How far above its joint's velocity limit a drive's own limit of speed lies."""
+_UNLIMITED = 2**32 - 1
 
 
 class DriveError(RuntimeError):
@@ -47,12 +59,23 @@ def gain_objects(
     yield od.POSITION_GAIN, kp / kd
 
 
+class ObjectChange(NamedTuple):
+    """An object that held something else.
+
+    Attributes:
+        axis: the drive.
+        entry: the object.
+        before, after: what it held and holds, in words.
+    """
+
+    axis: int
+    entry: od.ObjectEntry
+    before: str
+    after: str
+
+
 def parameters(settings: AxisSettings, axis: int) -> Iterator[tuple[od.ObjectEntry, od.Number]]:
-    """Objects to write to a drive in PREOP, in this order."""
-    for count, assignment in ((od.RX_COUNT, RX_ASSIGNMENT), (od.TX_COUNT, TX_ASSIGNMENT)):
-        yield count, 0
-        yield from zip(od.mapping_slots(count), assignment, strict=False)
-        yield count, len(assignment)
+    """Objects that every drive has, and what they shall hold, in this order."""
     rated = round(settings.rated_current * 1e3)
     yield od.RATED_CURRENT, rated
     yield od.RATED_TORQUE, rated
@@ -74,24 +97,126 @@ def parameters(settings: AxisSettings, axis: int) -> Iterator[tuple[od.ObjectEnt
     yield od.ABORT_CONNECTION_OPTION, 1  # no frames: fault
 
 
-def commission(bus: Bus, settings: AxisSettings) -> None:
-    """Open the bus, check who is there and write all parameters; drives end in SAFEOP.
+def guards(settings: AxisSettings, axis: int) -> Iterator[tuple[od.ObjectEntry, od.Number]]:
+    """Objects that change what a command means, or how far it is followed, if anybody has set them.
+
+    A drive without one of them is fine. The software limits lie beyond the commanded range by the
+    following error that trips the drive: within them it is the drive's own guard.
+    """
+    counts = settings.counts_per_radian
+    yield od.POLARITY, 0
+    yield od.GEAR_MOTOR, 1
+    yield od.GEAR_SHAFT, 1
+    yield od.POSITION_OFFSET, 0
+    yield od.VELOCITY_OFFSET, 0
+    yield od.RANGE_LOWER, -(2**31)
+    yield od.RANGE_UPPER, 2**31 - 1
+    margin = settings.following_window
+    yield od.LIMIT_LOWER, round((settings.position_lower[axis] - margin) * counts)
+    yield od.LIMIT_UPPER, round((settings.position_upper[axis] + margin) * counts)
+    yield od.MAX_MOTOR_SPEED, round(_SPEED_MARGIN * settings.velocity_limit[axis] * counts)
+    yield od.MAX_ACCELERATION, _UNLIMITED  # the controller plans its own
+    yield od.MAX_DECELERATION, _UNLIMITED
+
+
+def commission(bus: Bus, settings: AxisSettings) -> list[ObjectChange]:
+    """Open the bus, check who is there and what it holds; drives end in SAFEOP.
+
+    Returns:
+        What was changed.
 
     Raises:
-        DriveError: a drive is missing, is another device, or refuses a parameter.
+        DriveError: a drive is missing, is another device, refuses a parameter or does not keep it.
     """
     bus.open()
     names = settings.joint_names
     if bus.slave_count != len(names):
         raise DriveError(f"{bus.slave_count} slaves on the bus, expected {len(names)}")
+    changes: list[ObjectChange] = []
     for axis, name in enumerate(names):
         identity = bus.identity(axis)
         if (identity.vendor, identity.product) != (GOLD_TWITTER.vendor, GOLD_TWITTER.product):
             raise DriveError(f"{name}: {identity} is not a Gold Twitter")
-        _write_all(bus, axis, name, parameters(settings, axis))
+        try:
+            changes += _set_mappings(bus, axis)
+            for entry, value in guards(settings, axis):
+                changes += _set(bus, axis, entry, value, optional=True)
+            for entry, value in parameters(settings, axis):
+                changes += _set(bus, axis, entry, value)
+        except (SdoAbort, DriveError) as error:
+            raise DriveError(f"{name}: {error}") from error
         bus.set_watchdog(axis, settings.process_data_watchdog)
     bus.request_state(AlState.SAFEOP)
     check_al_states(bus, settings, AlState.SAFEOP)
+    return changes
+
+
+def _set_mappings(bus: Bus, axis: int) -> Iterator[ObjectChange]:
+    """Set what the mapping objects map, then which of them are used; in PREOP."""
+    for index in MAPPINGS:
+        wanted = mapped(index)
+        slots = od.mapped_slots(index, 8)
+        yield from _set_list(bus, axis, od.mapped_count(index), slots, wanted, optional=True)
+    for count, assignment in ((od.RX_COUNT, RX_ASSIGNMENT), (od.TX_COUNT, TX_ASSIGNMENT)):
+        yield from _set_list(bus, axis, count, od.mapping_slots(count), assignment)
+
+
+def _set_list(
+    bus: Bus,
+    axis: int,
+    count: od.ObjectEntry,
+    slots: Sequence[od.ObjectEntry],
+    wanted: Sequence[int],
+    *,
+    optional: bool = False,
+) -> Iterator[ObjectChange]:
+    """Set a count and the entries behind it; writing begins and ends with the count."""
+    held = _read(bus, axis, count, optional=optional)
+    if held is None:
+        return
+    before = [_read(bus, axis, slot) or 0 for slot in slots[: int(held)]]
+    if [_what_counts(int(value)) for value in before] == [_what_counts(each) for each in wanted]:
+        return
+    for entry, value in ((count, 0), *zip(slots, wanted, strict=False), (count, len(wanted))):
+        bus.sdo_write(axis, entry.index, entry.subindex, entry.pack(value))
+    texts = (" ".join(f"0x{int(value):X}" for value in values) for values in (before, wanted))
+    yield ObjectChange(axis, count, *texts)
+
+
+def _what_counts(mapped_entry: int) -> int:
+    """Of a mapped entry that fills, only the bits: drives write its index in several ways."""
+    return mapped_entry if mapped_entry >> 16 else mapped_entry & 0xFFFF
+
+
+def _read(
+    bus: Bus, axis: int, entry: od.ObjectEntry, *, optional: bool = False
+) -> od.Number | None:
+    """Return what an object holds, None for an optional one that the drive does not have."""
+    try:
+        data = bus.sdo_read(axis, entry.index, entry.subindex)
+    except SdoAbort as abort:
+        if optional and abort.code in (NO_OBJECT, NO_SUBINDEX):
+            return None
+        raise
+    try:
+        return entry.unpack(data)
+    except struct.error:
+        raise DriveError(f"{entry.title} has {len(data)} bytes") from None
+
+
+def _set(
+    bus: Bus, axis: int, entry: od.ObjectEntry, value: od.Number, *, optional: bool = False
+) -> Iterator[ObjectChange]:
+    """Set an object if it holds something else, and see that the drive keeps it."""
+    before = _read(bus, axis, entry, optional=optional)
+    wanted = entry.unpack(entry.pack(value))  # as the wire has it
+    if before is None or before == wanted:
+        return
+    bus.sdo_write(axis, entry.index, entry.subindex, entry.pack(value))
+    after = _read(bus, axis, entry)
+    if after != wanted:
+        raise DriveError(f"{entry.title} takes {wanted:g} and holds {after:g}")
+    yield ObjectChange(axis, entry, f"{before:.10g}", f"{wanted:.10g}")
 
 
 def write_gains(bus: Bus, settings: AxisSettings, kp: float, kd: float) -> None:

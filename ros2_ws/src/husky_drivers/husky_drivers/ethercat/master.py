@@ -19,7 +19,7 @@ from husky_drivers.ethercat.axes import AxisSettings, ProcessData
 from husky_drivers.ethercat.bus import AlState, Bus
 from husky_drivers.ethercat.commissioning import check_al_states, commission, read_mode, write_gains
 from husky_drivers.ethercat.phases import DrivePhases
-from husky_drivers.ethercat.report import describe, why_incomplete
+from husky_drivers.ethercat.report import describe, describe_changes, why_incomplete
 from husky_drivers.joint_master.commanded_master import AxisStatus, CommandedMaster
 from husky_drivers.joint_master.phase import Phase
 
@@ -36,6 +36,7 @@ class Master(CommandedMaster):
         error_code: last emergency of each drive (n,), 0 after a reset.
         mode_display: mode of operation of each drive as last read (n,).
         settling: the motion of a stop.
+        changes: what was changed in the drives at the last set-up, in sentences.
         remembered: the last commands, the newest at the end: position, velocity, effort (m, 3, n).
     """
 
@@ -56,6 +57,7 @@ class Master(CommandedMaster):
         self._short_in_a_row = 0
         self._next_poll = 0
         self.settling = Settling(robot)
+        self.changes: list[str] = []
         self._ticks_left = 0  # until the axes brake, in a stop
         self.remembered = np.zeros((_REMEMBERED, 3, n))
         self.error_code = np.zeros(n, np.uint16)
@@ -75,7 +77,7 @@ class Master(CommandedMaster):
 
     def configure(self) -> None:
         """Open the bus and set the drives up, to SAFEOP; raises DriveError."""
-        commission(self._bus, self.settings)
+        self.changes = describe_changes(self.settings, commission(self._bus, self.settings))
 
     def start(self) -> None:
         """Bring all drives to OP; raises DriveError when one does not come."""
@@ -278,6 +280,10 @@ class Master(CommandedMaster):
             names = (self.settings.joint_names[i] for i in np.flatnonzero(opened))
             return f"safe torque off: {', '.join(names)}"
         return ""
+
+    def counters(self) -> dict[str, Any]:
+        """Return what was changed in the drives."""
+        return {"changed": "; ".join(self.changes)}
 
     def _describe(self, which: NDArray[np.bool_]) -> str:
         return describe(self.settings, which, self.states, self.error_code)

@@ -30,6 +30,12 @@ class ObjectEntry:
     writable: bool
     name: str
 
+    @property
+    def title(self) -> str:
+        """Name and address."""
+        address = f"0x{self.index:04X}" + (f":{self.subindex}" if self.subindex else "")
+        return f"{self.name} ({address})"
+
     def pack(self, value: Number) -> bytes:
         """Return the value's bytes; raises struct.error when it does not fit."""
         return struct.pack(self.format, value if "f" in self.format else int(value))
@@ -67,10 +73,22 @@ MAX_CURRENT = ObjectEntry(0x6073, 0, "<H", True, "peak current [per mille of rat
 RATED_CURRENT = ObjectEntry(0x6075, 0, "<I", True, "rated (continuous) current [mA]")
 RATED_TORQUE = ObjectEntry(0x6076, 0, "<I", True, "rated torque, as current [mA]")
 BUS_VOLTAGE = ObjectEntry(0x6079, 0, "<I", False, "DC link voltage [mV]")
+RANGE_LOWER = ObjectEntry(0x607B, 1, "<i", True, "least position before it wraps [count]")
+RANGE_UPPER = ObjectEntry(0x607B, 2, "<i", True, "greatest position before it wraps [count]")
+LIMIT_LOWER = ObjectEntry(0x607D, 1, "<i", True, "least software position limit [count]")
+LIMIT_UPPER = ObjectEntry(0x607D, 2, "<i", True, "greatest software position limit [count]")
+POLARITY = ObjectEntry(0x607E, 0, "<B", True, "polarity")
+MAX_MOTOR_SPEED = ObjectEntry(0x6080, 0, "<I", True, "max motor speed [count/s]")
 DECELERATION = ObjectEntry(0x6084, 0, "<I", True, "profile deceleration [count/s^2]")
 QUICK_STOP_DECELERATION = ObjectEntry(0x6085, 0, "<I", True, "quick stop deceleration [count/s^2]")
+GEAR_MOTOR = ObjectEntry(0x6091, 1, "<I", True, "gear ratio, turns of the motor")
+GEAR_SHAFT = ObjectEntry(0x6091, 2, "<I", True, "gear ratio, turns of the shaft")
+POSITION_OFFSET = ObjectEntry(0x60B0, 0, "<i", True, "position offset [count]")
+VELOCITY_OFFSET = ObjectEntry(0x60B1, 0, "<i", True, "velocity offset [count/s]")
 INTERPOLATION_VALUE = ObjectEntry(0x60C2, 1, "<B", True, "interpolation period, value")
 INTERPOLATION_EXPONENT = ObjectEntry(0x60C2, 2, "<b", True, "interpolation period, power of 10")
+MAX_ACCELERATION = ObjectEntry(0x60C5, 0, "<I", True, "max acceleration [count/s^2]")
+MAX_DECELERATION = ObjectEntry(0x60C6, 0, "<I", True, "max deceleration [count/s^2]")
 FOLLOWING_ERROR = ObjectEntry(0x60F4, 0, "<i", False, "following error [count]")
 SUPPORTED_MODES = ObjectEntry(0x6502, 0, "<I", False, "supported modes")
 
@@ -79,5 +97,18 @@ def mapping_slots(count: ObjectEntry, slots: int = 8) -> tuple[ObjectEntry, ...]
     """Return the entries of an assignment object (0x1C12, 0x1C13) after its count."""
     return tuple(
         ObjectEntry(count.index, slot, "<H", True, f"mapping {slot}")
+        for slot in range(1, slots + 1)
+    )
+
+
+def mapped_count(index: int) -> ObjectEntry:
+    """Return the entry of a mapping object that says how many objects it maps."""
+    return ObjectEntry(index, 0, "<B", True, f"objects mapped by 0x{index:04X}")
+
+
+def mapped_slots(index: int, slots: int) -> tuple[ObjectEntry, ...]:
+    """Return the entries of a mapping object behind its count: index, subindex and bits of each."""
+    return tuple(
+        ObjectEntry(index, slot, "<I", True, f"object {slot} mapped by 0x{index:04X}")
         for slot in range(1, slots + 1)
     )

@@ -57,6 +57,18 @@ MAPPINGS: dict[int, tuple[Entry, ...]] = {
 }
 """What each mapping object holds, in order."""
 
+
+def mapped(index: int) -> tuple[int, ...]:
+    """Return what stands in a mapping object: index, subindex and bits of each entry, as a number.
+
+    An entry that only fills has index 0.
+    """
+    return tuple(
+        entry.index << 16 | entry.subindex << 8 | 8 * np.dtype(entry.type).itemsize
+        for entry in MAPPINGS[index]
+    )
+
+
 RX_ASSIGNMENT = (0x1605, 0x1618)
 """Mapping objects of the outputs (0x1C12)."""
 TX_ASSIGNMENT = (0x1A03, 0x1A1D, 0x1A1F, 0x1A18)

@@ -58,6 +58,8 @@ class DriveBridge(JointBridge[Master]):
         except (DriveError, OSError) as error:
             self.get_logger().error(f"the drives cannot be configured: {error}")
             return TransitionCallbackReturn.FAILURE
+        if self._master.changes:
+            self.get_logger().info(f"changed in the drives: {'; '.join(self._master.changes)}")
         return TransitionCallbackReturn.SUCCESS
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:

@@ -14,11 +14,18 @@ from typing import Any
 
 from husky_drivers.cia402 import DriveState, OperationMode
 from husky_drivers.ethercat import objects as od
-from husky_drivers.ethercat.bus import AL_ERROR, GOLD_TWITTER, AlState, SdoAbort
-from husky_drivers.ethercat.pdo import MAPPINGS, RX_ASSIGNMENT, TX_ASSIGNMENT
+from husky_drivers.ethercat.bus import (
+    AL_ERROR,
+    GOLD_TWITTER,
+    NO_OBJECT,
+    NO_SUBINDEX,
+    AlState,
+    SdoAbort,
+)
+from husky_drivers.ethercat.pdo import MAPPINGS, RX_ASSIGNMENT, TX_ASSIGNMENT, mapped
 from husky_sim.devices.drives import drive_cycle
 
-READ_ONLY, NO_OBJECT, NO_SUBINDEX = 0x06010002, 0x06020000, 0x06090011
+READ_ONLY = 0x06010002
 CANNOT_MAP, WRONG_LENGTH, OUT_OF_RANGE, WRONG_STATE = 0x06040041, 0x06070010, 0x06090030, 0x08000022
 INVALID_CHANGE, INVALID_OUTPUTS, INVALID_INPUTS = 0x0011, 0x001D, 0x001E
 
@@ -76,6 +83,24 @@ PARAMETERS: dict[od.ObjectEntry, DriveParameter] = {
     od.QUICK_STOP_DECELERATION: DriveParameter("quick_stop_deceleration", 2147483647, lower=1.0),
 }
 
+STORED: dict[od.ObjectEntry, od.Number] = {
+    od.INTEGRAL_GAIN: 0.0,
+    od.RATED_TORQUE: 1000,
+    od.POLARITY: 0,
+    od.GEAR_MOTOR: 1,
+    od.GEAR_SHAFT: 1,
+    od.POSITION_OFFSET: 0,
+    od.VELOCITY_OFFSET: 0,
+    od.RANGE_LOWER: -(2**31),
+    od.RANGE_UPPER: 2**31 - 1,
+    od.LIMIT_LOWER: -(2**31),
+    od.LIMIT_UPPER: 2**31 - 1,
+    od.MAX_MOTOR_SPEED: 2**32 - 1,
+    od.MAX_ACCELERATION: 2**32 - 1,
+    od.MAX_DECELERATION: 2**32 - 1,
+}
+"""Objects that are kept and have no effect here, and what they hold from the factory (assumed)."""
+
 READINGS: dict[od.ObjectEntry, Callable[[Any], float]] = {
     od.VENDOR: lambda d: GOLD_TWITTER.vendor,
     od.PRODUCT: lambda d: GOLD_TWITTER.product,
@@ -117,10 +142,12 @@ class SimulatedDrive:
             od.RX_COUNT.index: (0x1600,),
             od.TX_COUNT.index: (0x1A00,),
         }
-        self._slots = {index: [*maps, *[0] * 7] for index, maps in self._assigned.items()}
+        self._assigned |= {index: mapped(index) for index in MAPPINGS}
+        self._slots = {
+            index: [*maps, *[0] * (8 - len(maps))] for index, maps in self._assigned.items()
+        }
         self._plain: dict[od.ObjectEntry, od.Number] = {
-            od.INTEGRAL_GAIN: 0.0,
-            od.RATED_TORQUE: 1000,
+            **STORED,
             od.INTERPOLATION_VALUE: round(interpolation * 1e3),
             od.INTERPOLATION_EXPONENT: -3,
         }
@@ -138,6 +165,21 @@ class SimulatedDrive:
         for parameter in PARAMETERS.values():
             d[parameter.field] = parameter.initial * parameter.scale
 
+    def preset(self, saved: dict[od.ObjectEntry, od.Number | tuple[int, ...]]) -> None:
+        """Have somebody's values saved in the drive, whatever it would accept from the bus.
+
+        Args:
+            saved: values by object; lists by the count of an assignment or of a mapping object.
+        """
+        for entry, value in saved.items():
+            if isinstance(value, tuple):
+                self._assigned[entry.index] = value
+                self._slots[entry.index] = [*value, *[0] * (8 - len(value))]
+            elif entry in PARAMETERS:
+                self.record[PARAMETERS[entry].field] = value * PARAMETERS[entry].scale
+            else:
+                self._plain[entry] = value
+
     # -- mailbox
 
     def sdo_read(self, index: int, subindex: int) -> bytes:
@@ -145,7 +187,9 @@ class SimulatedDrive:
         if index in self._slots and subindex <= len(self._slots[index]):
             if subindex == 0:
                 return struct.pack("<B", len(self._assigned[index]))
-            return struct.pack("<H", self._slots[index][subindex - 1])
+            return struct.pack(
+                "<I" if index in MAPPINGS else "<H", self._slots[index][subindex - 1]
+            )
         entry = self._entry(index, subindex)
         if entry in PARAMETERS:
             parameter = PARAMETERS[entry]
@@ -194,11 +238,12 @@ class SimulatedDrive:
         return entry
 
     def _assign(self, index: int, subindex: int, data: bytes) -> None:
-        """Write the assignment of mapping objects: count 0, entries, count; in PREOP only."""
+        """Write a mapping object or an assignment: count 0, entries, count; in PREOP only."""
         slots = self._slots[index]
         if subindex > len(slots):
             raise self._abort(NO_SUBINDEX, index, subindex)
-        if len(data) != (1 if subindex == 0 else 2):
+        size = 4 if index in MAPPINGS else 2
+        if len(data) != (1 if subindex == 0 else size):
             raise self._abort(WRONG_LENGTH, index, subindex)
         if self.record["al_status"] & 0x0F != AlState.PREOP:
             raise self._abort(WRONG_STATE, index, subindex)
@@ -209,7 +254,7 @@ class SimulatedDrive:
             self._assigned[index] = tuple(slots[:value])
         elif self._assigned[index]:
             raise self._abort(WRONG_STATE, index, subindex)
-        elif value not in MAPPINGS:
+        elif index not in MAPPINGS and value not in MAPPINGS:
             raise self._abort(CANNOT_MAP, index, subindex)
         else:
             slots[subindex - 1] = value
@@ -226,9 +271,9 @@ class SimulatedDrive:
         d["al_status_code"] = 0
         if wanted > now and wanted is not AlState(now * 2 if now > 1 else 2):
             self._refuse_state(now, INVALID_CHANGE)
-        elif wanted is AlState.SAFEOP and self._assigned[od.RX_COUNT.index] != RX_ASSIGNMENT:
+        elif wanted is AlState.SAFEOP and not self._maps(od.RX_COUNT, RX_ASSIGNMENT):
             self._refuse_state(now, INVALID_OUTPUTS)
-        elif wanted is AlState.SAFEOP and self._assigned[od.TX_COUNT.index] != TX_ASSIGNMENT:
+        elif wanted is AlState.SAFEOP and not self._maps(od.TX_COUNT, TX_ASSIGNMENT):
             self._refuse_state(now, INVALID_INPUTS)
         else:
             d["al_status"] = wanted
@@ -236,6 +281,12 @@ class SimulatedDrive:
             d["controlword"] = 0
             if now is AlState.OP and wanted is not AlState.OP:
                 drive_cycle.abort_connection(d)
+
+    def _maps(self, count: od.ObjectEntry, assignment: tuple[int, ...]) -> bool:
+        """Whether an assignment is the one whose bytes the emulator knows."""
+        return self._assigned[count.index] == assignment and all(
+            self._assigned[index] == mapped(index) for index in assignment
+        )
 
     def _refuse_state(self, now: AlState, code: int) -> None:
         self.record["al_status"] = now | AL_ERROR
