@@ -14,7 +14,7 @@ from servo_line import SERVO, Line
 
 from husky_drivers.dynamixel import control_table as table
 from husky_drivers.dynamixel.chain import ServoChain
-from husky_drivers.dynamixel.commissioning import commission, registers_of
+from husky_drivers.dynamixel.commissioning import ServoSetup, registers_of
 from husky_drivers.dynamixel.control_table import HardwareError, StatusError
 
 IDS = range(1, 13)
@@ -113,7 +113,7 @@ def test_factory_reset_is_refused_and_unknown_instructions_too(line):
 
 def test_a_servo_that_has_shut_down_alerts_until_it_is_restarted(line):
     chain, record = ServoChain(line.port), line.motors.records[3]
-    assert commission(chain, 4, SERVO) == ""
+    assert ServoSetup(chain, SERVO).commission(3, 4) == ""
     assert chain.write(4, table.TORQUE_ENABLE, 1)
     record["loaded"] = 10.0
     line.motors.step(np.zeros(12), np.zeros(12))
@@ -126,22 +126,24 @@ def test_a_servo_that_has_shut_down_alerts_until_it_is_restarted(line):
     assert chain.reboot(4)
     line.bus.advance(0.6)
     assert not chain.sync_read([4])[4].alert
-    assert commission(chain, 4, SERVO) == "" and chain.write(4, table.TORQUE_ENABLE, 1)
+    assert ServoSetup(chain, SERVO).commission(3, 4) == "" and chain.write(
+        4, table.TORQUE_ENABLE, 1
+    )
 
 
 def test_commissioning_writes_only_what_differs(line):
     chain = ServoChain(line.port)
-    assert commission(chain, 1, SERVO) == ""
+    assert ServoSetup(chain, SERVO).commission(0, 1) == ""
     for register, value in registers_of(SERVO):
         assert register.unpack(chain.read(1, register, register)) == value
     writes = []
     chain.write = lambda *arguments: writes.append(arguments) or True
-    assert commission(chain, 1, SERVO) == "" and not writes
+    assert ServoSetup(chain, SERVO).commission(0, 1) == "" and not writes
 
 
 def test_another_model_is_not_used(line):
     line.bus.servos[5]._set(table.MODEL_NUMBER, 1020)
-    assert "1020" in commission(ServoChain(line.port), 6, SERVO)
+    assert "1020" in ServoSetup(ServoChain(line.port), SERVO).commission(5, 6)
 
 
 def test_a_silent_return_level_answers_pings_alone(line):

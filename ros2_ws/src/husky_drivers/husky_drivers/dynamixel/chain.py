@@ -89,6 +89,12 @@ class ServoChain:
             return False
         return True
 
+    def find(self) -> list[int]:
+        """Return the ids of all servos that answer; takes the SDK about a second."""
+        found, _ = self._handler.broadcastPing(self.port)
+        self.port.is_using = False
+        return sorted(found)
+
     def reboot(self, servo: int) -> bool:
         """Restart a servo; return whether it has heard."""
         result, _ = self._handler.reboot(self.port, servo)

@@ -35,6 +35,11 @@ class ServoRegister:
     signed: bool = False
 
     @property
+    def title(self) -> str:
+        """Name and address."""
+        return f"{self.name} ({self.address})"
+
+    @property
     def in_eeprom(self) -> bool:
         """Whether it outlives a power cycle, and is locked while torque is on."""
         return self.address < TORQUE_ENABLE.address
@@ -63,7 +68,7 @@ FIRMWARE_VERSION = _read_only(6, 1, "firmware version")
 ID = ServoRegister(7, 1, "id", 1, 0, 252)
 BAUD_RATE = ServoRegister(8, 1, "baud rate", 1, 0, 7)
 RETURN_DELAY = ServoRegister(9, 1, "return delay time", 250, 0, 254)  # 2 us
-DRIVE_MODE = ServoRegister(10, 1, "drive mode", 0, 0, 5)
+DRIVE_MODE = ServoRegister(10, 1, "drive mode", 0, 0, 13)
 OPERATING_MODE = ServoRegister(11, 1, "operating mode", 3, 0, 16)
 SECONDARY_ID = ServoRegister(12, 1, "secondary id", 255, 0, 255)
 PROTOCOL_TYPE = ServoRegister(13, 1, "protocol type", 2, 1, 2)
@@ -79,6 +84,7 @@ CURRENT_LIMIT = ServoRegister(
 VELOCITY_LIMIT = ServoRegister(44, 4, "velocity limit", 330, 0, 1023)
 MAX_POSITION_LIMIT = ServoRegister(48, 4, "max position limit", 4095, 0, 4095)
 MIN_POSITION_LIMIT = ServoRegister(52, 4, "min position limit", 0, 0, 4095)
+STARTUP = ServoRegister(60, 1, "startup configuration", 0, 0, 3)  # from STARTUP_FIRMWARE on
 SHUTDOWN = ServoRegister(63, 1, "shutdown", 0x34, 0, 0x3D)
 TORQUE_ENABLE = ServoRegister(64, 1, "torque enable", 0, 0, 1)
 LED = ServoRegister(65, 1, "led", 0, 0, 1)
@@ -116,8 +122,12 @@ TABLE = tuple(value for value in tuple(globals().values()) if isinstance(value, 
 TABLE_SIZE = 147
 """Bytes from address 0 to the last register's end."""
 
+STARTUP_FIRMWARE = 45
+"""First firmware with a startup configuration."""
 CYCLE_DATA = (PRESENT_CURRENT, PRESENT_VELOCITY, PRESENT_POSITION)
 """What is read of every servo in every cycle: neighbours, 10 bytes."""
+ALL_DATA = (FIRMWARE_VERSION, PRESENT_TEMPERATURE)
+"""First and last of one read that has every setting, and what two servos never have in common."""
 HEALTH_DATA = (TORQUE_ENABLE, HARDWARE_ERROR, PRESENT_INPUT_VOLTAGE, PRESENT_TEMPERATURE)
 """What is read of one servo between two cycles, in one read from the first to the last."""
 

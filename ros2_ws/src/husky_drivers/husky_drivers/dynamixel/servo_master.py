@@ -16,7 +16,7 @@ import numpy as np
 from husky_drivers.cia402 import DriveState, OperationMode
 from husky_drivers.dynamixel import control_table as table
 from husky_drivers.dynamixel.chain import ServoChain
-from husky_drivers.dynamixel.commissioning import GARBLED, commission
+from husky_drivers.dynamixel.commissioning import GARBLED, NO_ANSWER, ServoSetup
 from husky_drivers.dynamixel.phases import ServoPhases
 from husky_drivers.dynamixel.readings import ServoReadings
 from husky_drivers.dynamixel.settings import ServoSettings
@@ -24,6 +24,7 @@ from husky_drivers.dynamixel.troubles import ServoTroubles
 from husky_drivers.dynamixel.units import ServoUnits
 from husky_drivers.joint_master.commanded_master import AxisStatus, CommandedMaster
 from husky_drivers.joint_master.phase import Phase
+from husky_drivers.joint_master.setting_changes import describe_changes
 from husky_runtime import graph
 from husky_runtime.ports.port_thread import PORT_ERRORS
 
@@ -47,6 +48,7 @@ class ServoMaster(CommandedMaster):
     def __init__(self, chain: ServoChain, settings: ServoSettings):
         """Take a line that is not open yet."""
         self._chain = chain
+        self._setup = ServoSetup(chain, settings.servo)
         self.readings = ServoReadings(settings)
         self.troubles = ServoTroubles(settings, self.readings)
         phases = ServoPhases(settings, self.readings, self.troubles)
@@ -83,6 +85,23 @@ class ServoMaster(CommandedMaster):
         self._phases.enter(Phase.OFF, "not enabled yet")
         for index in range(len(self.settings.joint_names)):
             self._commission(index)
+        self._name_strangers()
+
+    def _name_strangers(self) -> None:
+        """Where servos do not answer, name those that do and that nobody expects."""
+        silent = [i for i, why in self.troubles.unusable.items() if why == NO_ANSWER]
+        if not silent:
+            return
+        strangers = [str(n) for n in self._chain.find() if n not in self.settings.ids]
+        also = f"; ids {', '.join(strangers)} answer, which no joint has" if strangers else ""
+        for index in silent:
+            self.troubles.unusable[index] = NO_ANSWER + also
+
+    @property
+    def changes(self) -> list[str]:
+        """What was changed in the servos, in sentences."""
+        names, changes = self.settings.joint_names, self._setup.changes.values()
+        return describe_changes(names, self.devices, changes)
 
     def disconnect(self, reason: str) -> None:
         """The line is gone, or not wanted any more; nothing is said to the servos."""
@@ -103,7 +122,9 @@ class ServoMaster(CommandedMaster):
         self.disconnect(reason)
 
     def _commission(self, index: int) -> None:
-        why = commission(self._chain, self.settings.ids[index], self.settings.servo)
+        settings = self.settings
+        number, offset = settings.ids[index], settings.homing_offsets[index]
+        why = self._setup.commission(index, number, offset)
         if why:
             self.troubles.unusable[index] = why
         else:
@@ -177,7 +198,7 @@ class ServoMaster(CommandedMaster):
         for index in np.flatnonzero(self.readings.misses >= self.settings.miss_limit):
             if index not in self.troubles.unusable:
                 garbled = self._chain.garbled[self.settings.ids[index]] > before[index]
-                self._lose(int(index), GARBLED if garbled else "no answer")
+                self._lose(int(index), GARBLED if garbled else NO_ANSWER)
         self._seen = self._seen or self.working_counter > 0
         return self.working_counter > 0
 
@@ -334,6 +355,7 @@ class ServoMaster(CommandedMaster):
             "missed_answers": chain.missed.total(),
             "damaged_answers": chain.damaged,
             "refused_write": chain.refused,
+            "changed": "; ".join(self.changes),
             "bytes_sent": chain.port.sent,
             "bytes_received": chain.port.received,
             "hottest_deg_c": f"{readings.temperature.max():.0f}",

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from husky_description.bus_servo import BusServoSection
 from husky_description.robot import Robot
+from husky_drivers.dynamixel.control_table import HOMING_OFFSET
 from husky_drivers.joint_master.settings import JointSettings, ranges_of
 from husky_runtime import graph
 
@@ -16,6 +18,7 @@ class ServoSettings(JointSettings):
 
     Attributes:
         servo: the servo's data sheet.
+        homing_offsets: what the homing offset of each servo must be [count] (n,).
         ticks_per_cycle: control ticks to one cycle of the bus.
         watchdog: time without a packet after which a servo stops by itself [s].
         miss_limit: cycles in a row that a servo may miss.
@@ -29,6 +32,7 @@ class ServoSettings(JointSettings):
     """
 
     servo: BusServoSection
+    homing_offsets: tuple[int, ...]
     ticks_per_cycle: int
     watchdog: float = 0.06
     miss_limit: int = 3
@@ -57,17 +61,31 @@ class ServoSettings(JointSettings):
         return tuple(range(1, len(self.joint_names) + 1))
 
 
-def servo_settings(robot: Robot, servo: BusServoSection, command_timeout: float) -> ServoSettings:
+def servo_settings(
+    robot: Robot,
+    servo: BusServoSection,
+    command_timeout: float,
+    homing_offsets: Sequence[int] = (),
+) -> ServoSettings:
     """Return the settings of a robot's servos.
 
     Args:
         robot: its joints.
         servo: its data sheet.
         command_timeout: time without a command until all servos stop [s].
+        homing_offsets: that the servos must hold, in joint order [count]; none for zeros.
 
     Raises:
-        ValueError: the cycle is not a whole number of control ticks, two at least.
+        ValueError: the cycle is not a whole number of control ticks, two at least; or the offsets
+            are not one a joint, or out of range.
     """
+    count, most = len(robot.joint_names), HOMING_OFFSET.greatest
+    offsets = tuple(homing_offsets) or (0,) * count
+    if len(offsets) != count or any(abs(offset) > most for offset in offsets):
+        raise ValueError(
+            f"homing_offsets is {list(offsets)}, it must be {count} numbers within -{most} and "
+            f"{most}"
+        )
     ticks = round(servo.cycle / graph.TICK_PERIOD)
     if ticks < 2 or abs(ticks * graph.TICK_PERIOD - servo.cycle) > 1e-9:
         raise ValueError(
@@ -77,6 +95,7 @@ def servo_settings(robot: Robot, servo: BusServoSection, command_timeout: float)
     return ServoSettings(
         **ranges_of(robot),
         servo=servo,
+        homing_offsets=offsets,
         ticks_per_cycle=ticks,
         command_timeout_ticks=round(command_timeout / graph.TICK_PERIOD),
     )

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
 
 from husky_drivers.ethercat import objects as od
 from husky_drivers.ethercat.axes import AxisSettings
@@ -24,6 +23,7 @@ from husky_drivers.ethercat.bus import (
     SdoAbort,
 )
 from husky_drivers.ethercat.pdo import MAPPINGS, RX_ASSIGNMENT, TX_ASSIGNMENT, mapped
+from husky_drivers.joint_master.setting_changes import SettingChange
 
 _SPEED_MARGIN = 2.0
 """How far above its joint's velocity limit a drive's own limit of speed lies."""
@@ -57,21 +57,6 @@ def gain_objects(
         raise ValueError(f"kd is {kd!r} N m s/rad, it must be finite and above 0")
     yield od.VELOCITY_GAIN, kd / (settings.torque_per_ampere * settings.counts_per_radian)
     yield od.POSITION_GAIN, kp / kd
-
-
-class ObjectChange(NamedTuple):
-    """An object that held something else.
-
-    Attributes:
-        axis: the drive.
-        entry: the object.
-        before, after: what it held and holds, in words.
-    """
-
-    axis: int
-    entry: od.ObjectEntry
-    before: str
-    after: str
 
 
 def parameters(settings: AxisSettings, axis: int) -> Iterator[tuple[od.ObjectEntry, od.Number]]:
@@ -119,7 +104,7 @@ def guards(settings: AxisSettings, axis: int) -> Iterator[tuple[od.ObjectEntry, 
     yield od.MAX_DECELERATION, _UNLIMITED
 
 
-def commission(bus: Bus, settings: AxisSettings) -> list[ObjectChange]:
+def commission(bus: Bus, settings: AxisSettings) -> list[SettingChange]:
     """Open the bus, check who is there and what it holds; drives end in SAFEOP.
 
     Returns:
@@ -132,7 +117,7 @@ def commission(bus: Bus, settings: AxisSettings) -> list[ObjectChange]:
     names = settings.joint_names
     if bus.slave_count != len(names):
         raise DriveError(f"{bus.slave_count} slaves on the bus, expected {len(names)}")
-    changes: list[ObjectChange] = []
+    changes: list[SettingChange] = []
     for axis, name in enumerate(names):
         identity = bus.identity(axis)
         if (identity.vendor, identity.product) != (GOLD_TWITTER.vendor, GOLD_TWITTER.product):
@@ -151,7 +136,7 @@ def commission(bus: Bus, settings: AxisSettings) -> list[ObjectChange]:
     return changes
 
 
-def _set_mappings(bus: Bus, axis: int) -> Iterator[ObjectChange]:
+def _set_mappings(bus: Bus, axis: int) -> Iterator[SettingChange]:
     """Set what the mapping objects map, then which of them are used; in PREOP."""
     for index in MAPPINGS:
         wanted = mapped(index)
@@ -169,7 +154,7 @@ def _set_list(
     wanted: Sequence[int],
     *,
     optional: bool = False,
-) -> Iterator[ObjectChange]:
+) -> Iterator[SettingChange]:
     """Set a count and the entries behind it; writing begins and ends with the count."""
     held = _read(bus, axis, count, optional=optional)
     if held is None:
@@ -180,7 +165,7 @@ def _set_list(
     for entry, value in ((count, 0), *zip(slots, wanted, strict=False), (count, len(wanted))):
         bus.sdo_write(axis, entry.index, entry.subindex, entry.pack(value))
     texts = (" ".join(f"0x{int(value):X}" for value in values) for values in (before, wanted))
-    yield ObjectChange(axis, count, *texts)
+    yield SettingChange(axis, count.title, *texts)
 
 
 def _what_counts(mapped_entry: int) -> int:
@@ -206,7 +191,7 @@ def _read(
 
 def _set(
     bus: Bus, axis: int, entry: od.ObjectEntry, value: od.Number, *, optional: bool = False
-) -> Iterator[ObjectChange]:
+) -> Iterator[SettingChange]:
     """Set an object if it holds something else, and see that the drive keeps it."""
     before = _read(bus, axis, entry, optional=optional)
     wanted = entry.unpack(entry.pack(value))  # as the wire has it
@@ -216,7 +201,7 @@ def _set(
     after = _read(bus, axis, entry)
     if after != wanted:
         raise DriveError(f"{entry.title} takes {wanted:g} and holds {after:g}")
-    yield ObjectChange(axis, entry, f"{before:.10g}", f"{wanted:.10g}")
+    yield SettingChange(axis, entry.title, f"{before:.10g}", f"{wanted:.10g}")
 
 
 def write_gains(bus: Bus, settings: AxisSettings, kp: float, kd: float) -> None:

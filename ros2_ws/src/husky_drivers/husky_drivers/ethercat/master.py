@@ -19,9 +19,10 @@ from husky_drivers.ethercat.axes import AxisSettings, ProcessData
 from husky_drivers.ethercat.bus import AlState, Bus
 from husky_drivers.ethercat.commissioning import check_al_states, commission, read_mode, write_gains
 from husky_drivers.ethercat.phases import DrivePhases
-from husky_drivers.ethercat.report import describe, describe_changes, why_incomplete
+from husky_drivers.ethercat.report import describe, why_incomplete
 from husky_drivers.joint_master.commanded_master import AxisStatus, CommandedMaster
 from husky_drivers.joint_master.phase import Phase
+from husky_drivers.joint_master.setting_changes import describe_changes
 
 _CSP = OperationMode.CYCLIC_SYNCHRONOUS_POSITION
 _CSV = OperationMode.CYCLIC_SYNCHRONOUS_VELOCITY
@@ -77,7 +78,8 @@ class Master(CommandedMaster):
 
     def configure(self) -> None:
         """Open the bus and set the drives up, to SAFEOP; raises DriveError."""
-        self.changes = describe_changes(self.settings, commission(self._bus, self.settings))
+        changes = commission(self._bus, self.settings)
+        self.changes = describe_changes(self.settings.joint_names, self.devices, changes)
 
     def start(self) -> None:
         """Bring all drives to OP; raises DriveError when one does not come."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -11,7 +9,7 @@ import numpy as np
 from husky_drivers.cia402 import DriveState, error_name
 from husky_drivers.ethercat.axes import AxisSettings
 from husky_drivers.ethercat.bus import AlState, Bus
-from husky_drivers.ethercat.commissioning import ObjectChange, describe_code
+from husky_drivers.ethercat.commissioning import describe_code
 
 
 def describe(settings: AxisSettings, which: Any, states: Any, errors: Any) -> str:
@@ -28,19 +26,6 @@ def describe(settings: AxisSettings, which: Any, states: Any, errors: Any) -> st
         + (f" ({error_name(int(errors[i]))})" if errors[i] else "")
         for i in np.flatnonzero(which)
     )
-
-
-def describe_changes(settings: AxisSettings, changes: Iterable[ObjectChange]) -> list[str]:
-    """Say what was changed in the drives, those with the same change in one sentence."""
-    axes: dict[tuple[str, str, str], list[int]] = defaultdict(list)
-    for change in changes:
-        axes[change.entry.title, change.before, change.after].append(change.axis)
-    names = settings.joint_names
-    return [
-        ("all drives" if len(which) == len(names) else ", ".join(names[axis] for axis in which))
-        + f": {title} was {before or 'empty'}, set to {after}"
-        for (title, before, after), which in axes.items()
-    ]
 
 
 def why_incomplete(bus: Bus, settings: AxisSettings, working_counter: int) -> str:

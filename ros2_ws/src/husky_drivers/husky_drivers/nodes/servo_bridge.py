@@ -51,7 +51,14 @@ class ServoBridge(JointBridge[ServoMaster]):
         )
         patience = 0.6 * options.grace if options.lockstep else live
         chain = ServoChain(DynamixelPort(path, servo.baud_rate, patience))
-        master = ServoMaster(chain, servo_settings(options.robot, servo, options.command_timeout))
+        offsets = declare(
+            self,
+            "homing_offsets",
+            [0] * len(options.robot.joint_names),
+            "homing offset (register 20) that each servo must hold, in joint order [count]",
+        )
+        settings = servo_settings(options.robot, servo, options.command_timeout, offsets)
+        master = ServoMaster(chain, settings)
         self._on_robot = options.pace == "hardware"
         self._beats = 0
         pacer: Pacer = ClockPacer(self, self) if self._on_robot else WorldClockPacer(self, self)
@@ -78,6 +85,8 @@ class ServoBridge(JointBridge[ServoMaster]):
         troubles = self._master.troubles
         told = troubles.describe(sorted(troubles.unusable)) or "all servos answer"
         self._say(f"line open: {told}")
+        if self._master.changes:
+            self._say(f"changed in the servos: {'; '.join(self._master.changes)}")
 
     def _lose_line(self, error: Exception) -> None:
         reason = f"no line: {error}"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from husky_description.bus_servo import BusServoSection
 from husky_drivers.dynamixel import control_table as table
@@ -128,12 +128,14 @@ class EmulatedServoBus:
             self._obey_one(number, instruction, parameters)
 
     def _obey_one(self, number: int, instruction: int, parameters: bytes) -> None:
-        for index, servo in enumerate(self.servos):
-            if servo.number == number and servo.answers:
-                outcome = servo.execute(instruction, parameters)
-                self._say(index, servo.answer(instruction, outcome))
-                if instruction == Instruction.REBOOT:
-                    servo.restart()
+        meant = self._meant(bytes([number]))
+        self._say_at_once(
+            (index, servo.answer(instruction, servo.execute(instruction, parameters)))
+            for index, servo in meant
+        )
+        if instruction == Instruction.REBOOT:
+            for _, servo in meant:
+                servo.restart()
 
     def _obey_all(self, instruction: int, parameters: bytes) -> None:
         """Do what is said to all: nobody answers but to a ping."""
@@ -147,34 +149,40 @@ class EmulatedServoBus:
                 servo.restart()
 
     def _answer(self, number: int, instruction: int, error: int) -> None:
-        for index, servo in enumerate(self.servos):
-            if servo.number == number and servo.answers:
-                self._say(index, servo.answer(instruction, (error, b"")))
+        self._say_at_once(
+            (index, servo.answer(instruction, (error, b"")))
+            for index, servo in self._meant(bytes([number]))
+        )
 
     def _meant(self, numbers: bytes) -> list[tuple[int, EmulatedServo]]:
         """Return the servos of these ids that answer, in this order, with their places."""
-        places = {servo.number: index for index, servo in enumerate(self.servos)}
-        found = [places[number] for number in numbers if number in places]
-        return [(index, self.servos[index]) for index in found if self.servos[index].answers]
+        return [
+            (index, servo)
+            for number in numbers
+            for index, servo in enumerate(self.servos)
+            if servo.number == number and servo.answers
+        ]
 
     def _sync_read(self, parameters: bytes) -> None:
         """Each answers in turn; one that is missing leaves a hole (the e-manual does not say)."""
         address = int.from_bytes(parameters[:2], "little")
         length = int.from_bytes(parameters[2:4], "little")
-        for index, servo in self._meant(parameters[4:]):
-            self._say(index, servo.answer(Instruction.SYNC_READ, servo.read(address, length)))
+        for number in parameters[4:]:
+            self._say_at_once(
+                (index, servo.answer(Instruction.SYNC_READ, servo.read(address, length)))
+                for index, servo in self._meant(bytes([number]))
+            )
 
     def _fast_sync_read(self, parameters: bytes) -> None:
         """All answer in one packet, each with the checksum so far; a missing one ends it."""
         address = int.from_bytes(parameters[:2], "little")
         length = int.from_bytes(parameters[2:4], "little")
         numbers = parameters[4:]
-        meant = self._meant(numbers)
         said = 1 + len(numbers) * (length + 4)
         body = HEADER + bytes([0, BROADCAST]) + said.to_bytes(2, "little")
         body += bytes([Instruction.STATUS])
-        for index, servo in meant:
-            if servo.number != numbers[meant.index((index, servo))]:
+        for (_, servo), number in zip(self._meant(numbers), numbers, strict=False):
+            if servo.number != number:
                 break
             error, data = servo.read(address, length)
             alert = table.ALERT if servo.motor["error"] else 0
@@ -192,6 +200,15 @@ class EmulatedServoBus:
                 break
             for _, servo in self._meant(piece[:1]):
                 servo.write(address, piece[1:])
+
+    def _say_at_once(self, answers: Iterable[tuple[int, bytes]]) -> None:
+        """Put the answers of all servos of one id on the line: a low level wins."""
+        (*others, last) = list(answers) or [(0, b"")]
+        index, packet = last
+        for _, other in others:
+            common = bytes(a & b for a, b in zip(packet, other, strict=False))
+            packet = common + max(packet, other, key=len)[len(common) :]
+        self._say(index, packet)
 
     def _say(self, index: int, packet: bytes) -> None:
         """Put a servo's answer on the line, as the line's faults leave it."""

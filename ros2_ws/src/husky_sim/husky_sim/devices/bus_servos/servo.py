@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 from husky_description.bus_servo import BusServoSection
@@ -64,6 +65,19 @@ class EmulatedServo:
             self._set(table.BAUD_RATE, table.BAUD_RATES.index(servo.baud_rate))
         self._power_on()
 
+    def preset(self, held: Mapping[ServoRegister, int]) -> None:
+        """Have somebody else's values in it: those in EEPROM before power on, those in RAM since.
+
+        Args:
+            held: values by register.
+        """
+        for register, value in held.items():
+            self._set(register, value)
+        self._power_on()
+        for register, value in held.items():
+            self._set(register, value)
+        self._load()
+
     @property
     def number(self) -> int:
         """Its id."""
@@ -83,10 +97,12 @@ class EmulatedServo:
                 self._set(register, register.initial)
         self._waiting = None
         self._set(table.GOAL_CURRENT, self._get(table.CURRENT_LIMIT))
+        self._set(table.GOAL_PWM, self._get(table.PWM_LIMIT))
         motor = self.motor
-        motor["torque_on"] = motor["error"] = motor["bitten"] = 0
+        motor["torque_on"] = self._get(table.STARTUP) & 1
+        motor["error"] = motor["bitten"] = 0
         motor["loaded"] = motor["silence"] = 0.0
-        self._set(table.GOAL_POSITION, int(motor["count"]))
+        self._set(table.GOAL_POSITION, int(motor["count"]) + self._get(table.HOMING_OFFSET))
         self._load()
 
     def restart(self) -> None:
@@ -108,10 +124,10 @@ class EmulatedServo:
         motor, get = self.motor, self._get
         motor["follows"] = get(table.OPERATING_MODE) in _FOLLOWING
         if not motor["bitten"]:
-            motor["goal"] = get(table.GOAL_POSITION)
+            motor["goal"] = get(table.GOAL_POSITION) - get(table.HOMING_OFFSET)
         motor["p"] = get(table.POSITION_P_GAIN) * P_SCALE / FULL_PWM
         motor["d"] = get(table.POSITION_D_GAIN) * D_SCALE * CONTROL_PERIOD / FULL_PWM
-        motor["goal_pwm"] = abs(get(table.GOAL_PWM)) / FULL_PWM
+        motor["goal_pwm"] = min(abs(get(table.GOAL_PWM)), get(table.PWM_LIMIT)) / FULL_PWM
         motor["current_limit"] = get(table.CURRENT_LIMIT) / AMPERE
         motor["goal_current"] = motor["current_limit"]
         if get(table.OPERATING_MODE) == ServoOperatingMode.CURRENT_BASED_POSITION:
@@ -132,7 +148,8 @@ class EmulatedServo:
         velocity = float(motor["seen_rate"]) * 60.0 / (4096.0 * 0.229)
         self._set(table.PRESENT_CURRENT, round(float(motor["told_current"]) * AMPERE))
         self._set(table.PRESENT_VELOCITY, round(velocity))
-        self._set(table.PRESENT_POSITION, int(motor["count"]))
+        offset = self._get(table.HOMING_OFFSET)
+        self._set(table.PRESENT_POSITION, int(motor["count"]) + offset)
         self._set(table.MOVING, int(abs(velocity) > self._get(table.MOVING_THRESHOLD)))
         self._set(table.PRESENT_INPUT_VOLTAGE, max(0, round(10.0 * float(motor["voltage"]))))
         temperature = min(max(0.0, float(motor["temperature"])), 255.0)
@@ -232,6 +249,8 @@ class EmulatedServo:
         ):
             return StatusError.DATA_RANGE
         if register is table.GOAL_CURRENT and abs(value) > self._get(table.CURRENT_LIMIT):
+            return StatusError.DATA_LIMIT
+        if register is table.GOAL_PWM and abs(value) > self._get(table.PWM_LIMIT):
             return StatusError.DATA_LIMIT
         one_turn = self._get(table.OPERATING_MODE) == ServoOperatingMode.POSITION
         if register is table.GOAL_POSITION and one_turn:
