@@ -128,6 +128,20 @@ def test_arm_fly_kill(bench):
 def test_refusals_have_reasons(bench):
     bench.connect()
     with bench.held():
+        bench.autopilot.parameters["COM_OF_LOSS_T"] = 60.0
+        bench.autopilot.tell("COM_OF_LOSS_T")
+    bench.wait_for_report(
+        lambda s: s.level == DiagnosticStatus.ERROR and "COM_OF_LOSS_T is 60" in s.message,
+        "the parameter that is unsafe",
+    )
+    answer = bench.call(SetBool, graph.PROPULSION_ARM, data=True)
+    assert not answer.success and "COM_OF_LOSS_T is 60, allowed 0.1 to 1" in answer.message
+    assert not any(m.command == 400 for m in bench.autopilot.of("COMMAND_LONG"))
+    with bench.held():
+        bench.autopilot.parameters["COM_OF_LOSS_T"] = 1.0
+        bench.autopilot.tell("COM_OF_LOSS_T")
+    bench.wait_for_report(lambda s: s.values and "not to be armed" not in s.message, "its end")
+    with bench.held():
         bench.autopilot.results[400] = mavlink.MAV_RESULT_TEMPORARILY_REJECTED
         bench.autopilot.refusal = "Arming denied: no battery"
     answer = bench.call(SetBool, graph.PROPULSION_ARM, data=True)

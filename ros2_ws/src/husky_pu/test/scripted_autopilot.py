@@ -1,6 +1,31 @@
 """The other end of a companion's line."""
 
+import struct
+
 from pymavlink.dialects.v20 import common as mavlink
+
+PARAMETERS = {
+    "COM_OF_LOSS_T": 1.0,
+    "COM_OBL_RC_ACT": 4,
+    "NAV_RCL_ACT": 3,
+    "RC_MAP_ROLL": 1,
+    "RC_MAP_PITCH": 2,
+    "RC_MAP_THROTTLE": 3,
+    "RC_MAP_YAW": 4,
+    "RC_MAP_OFFB_SW": 5,
+    "RC_MAP_ARM_SW": 6,
+    "RC_MAP_KILL_SW": 7,
+    "MC_AIRMODE": 0,
+    "COM_RC_IN_MODE": 3,
+    "COM_RC_LOSS_T": 0.5,
+    "COM_LOW_BAT_ACT": 2,
+    "BAT1_N_CELLS": 6,
+    "MPC_THR_MAX": 1.0,
+    "FD_FAIL_R": 0,
+    "FD_FAIL_P": 0,
+    "PWM_MAIN_DISARM": 1000,
+}
+"""Of a PX4 that is set up for the robot: whole numbers are INT32, the others REAL32."""
 
 
 class ScriptedAutopilot:
@@ -11,6 +36,7 @@ class ScriptedAutopilot:
         results: MAV_RESULT by command, accepted for others.
         deaf: acknowledgements that it still swallows.
         refusal: text that goes before an answer that is not yes.
+        parameters: by name; what is not there is not answered.
     """
 
     baud = 921600
@@ -27,6 +53,7 @@ class ScriptedAutopilot:
         self.results = {}
         self.deaf = 0
         self.refusal = ""
+        self.parameters = dict(PARAMETERS)
         self.armed = False
         self.mode = 7
         self.state = mavlink.MAV_STATE_STANDBY
@@ -46,6 +73,18 @@ class ScriptedAutopilot:
             self.heard.append(message)
             if message.get_type() == "COMMAND_LONG":
                 self.answer(message)
+            elif message.get_type() == "PARAM_REQUEST_READ":
+                self.tell(message.param_id)
+
+    def tell(self, name):
+        """Send a parameter as PX4 does, an integer's bytes in the float field."""
+        value = self.parameters.get(name)
+        if value is None:
+            return
+        whole = isinstance(value, int)
+        field = struct.unpack("<f", struct.pack("<i", value))[0] if whole else value
+        kind = mavlink.MAV_PARAM_TYPE_INT32 if whole else mavlink.MAV_PARAM_TYPE_REAL32
+        self.send(mavlink.MAVLink_param_value_message(name.encode(), field, kind, 1, 0))
 
     def answer(self, command):
         if self.deaf > 0:

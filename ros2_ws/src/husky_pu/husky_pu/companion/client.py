@@ -13,13 +13,14 @@ from __future__ import annotations
 
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
 from husky_pu.companion import command_requests as commands
+from husky_pu.companion.flight_settings import FlightSettingRule, FlightSettings
 from husky_pu.companion.telemetry import Report, Telemetry
 from husky_pu.mavlink.dialect import ESC_INFO, ESC_STATUS, SetAttitudeTarget
 from husky_pu.mavlink.frames import FrameReader, Message, signing_time
@@ -51,6 +52,7 @@ class ClientConfig:
         grace: the same in a lockstep world that stands, in wall time [s].
         lockstep: whether the autopilot's time is the stamps'.
         signing_key: 32 bytes, empty for no signing.
+        rules: what parameters of the autopilot may be, by MAV_AUTOPILOT.
     """
 
     fans: int
@@ -62,6 +64,7 @@ class ClientConfig:
     grace: float = 3.0
     lockstep: bool = False
     signing_key: bytes = b""
+    rules: Mapping[int, Sequence[FlightSettingRule]] = field(default_factory=dict)
 
 
 class MavlinkClient:
@@ -69,6 +72,7 @@ class MavlinkClient:
 
     Attributes:
         telemetry: what it tells.
+        settings: its parameters that are relied on.
         reader: finds frames, counts damage.
         connected: it is heard.
         target: its system and component, (0, 0) before it is found.
@@ -85,6 +89,7 @@ class MavlinkClient:
         """Begin without an autopilot; `unix_time` [s since 1970] stamps signatures alone."""
         self.config = config
         self.telemetry = Telemetry(config.fans)
+        self.settings = FlightSettings(config.rules)
         self.connected = False
         self.target = (config.target_system, 1 if config.target_system else 0)
         self.connections = self.losses = self.missing = self.foreign = 0
@@ -136,6 +141,10 @@ class MavlinkClient:
                 self._take(message, now)
         if self.connected:
             self._watch(now)
+            for name in self.settings.due(now):
+                self._send(
+                    mavlink.MAVLink_param_request_read_message(*self.target, name.encode(), -1)
+                )
         for command in self._commands.due(now):
             self._send(
                 mavlink.MAVLink_command_long_message(
@@ -262,12 +271,16 @@ class MavlinkClient:
         self._heard_at, self._heard_stamp_ns = now, self._stamp_ns
         if kind == "COMMAND_ACK":
             self._acknowledged(message, now)
+        elif kind in ("PARAM_VALUE", "PARAM_ERROR"):
+            self.settings.note(message)
         elif kind not in ("HEARTBEAT", "STATUSTEXT"):
             self._telling = True
         if self.telemetry.warning:
             self._commands.text(self.telemetry.warning)
         if not self.connected or self.telemetry.boots != boots:
             self._begin(now)
+        if kind == "HEARTBEAT" and self.settings.autopilot != self.telemetry.autopilot:
+            self.settings.begin(self.telemetry.autopilot)
 
     def _begin(self, now: float) -> None:
         """An autopilot is there, or there again: ask it for its telemetry."""
@@ -278,6 +291,7 @@ class MavlinkClient:
             self._probe_at = now
         for command in self._intervals:
             command.fail("the autopilot was started again", now)
+        self.settings.begin(self.telemetry.autopilot if self.received["HEARTBEAT"] else None)
         config = self.config
         wanted = [(number, config.telemetry_rate) for number in _TELEMETRY]
         wanted += [(number, config.battery_rate) for number in _BATTERY]

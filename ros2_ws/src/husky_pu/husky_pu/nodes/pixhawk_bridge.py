@@ -216,12 +216,33 @@ class PixhawkBridge(DeviceNode[CompanionLink]):
         if request.data and conflict:
             response.message = conflict
             return response
+        if request.data and (unsafe := self._unsafe_settings()):
+            response.message = f"the autopilot's parameters: {'; '.join(unsafe)}"
+            return response
         accepted, response.message = self._ask(commands.ARM_DISARM, float(request.data))
         response.success = accepted
         if accepted:
             self._settle(armed=request.data)
             self._killed = self._killed and not request.data
         return response
+
+    def _unsafe_settings(self) -> list[str]:
+        """Return why the autopilot must not be armed as it is set; wait until it has told."""
+        if self._link is None:
+            return []
+        if not self._client.connected:
+            self._await_autopilot()
+        executor, client = executor_of(self), self._client
+        assert executor is not None
+        end = time.monotonic() + _START_PATIENCE
+        executor.spin_hot_until(
+            lambda: client.settings.settled or not client.connected or time.monotonic() > end
+        )
+        if not client.connected:
+            return []  # the command itself says so
+        if not client.settings.settled:
+            return ["not told yet"]
+        return client.settings.problems(unsafe=True)
 
     def _on_set_mode(self, request: SetFlightMode.Request, response: SetFlightMode.Response):  # type: ignore[no-untyped-def]
         number = _MODES.get(request.mode)

@@ -11,6 +11,7 @@ from husky_description.robot import Robot
 from husky_pu.autopilot.weighted_mixer import mixer_of
 from husky_pu.companion.bridge import Limits
 from husky_pu.companion.client import ClientConfig
+from husky_pu.companion.flight_settings import rules_of
 from husky_pu.mavlink.frames import read_key
 from husky_runtime.nodes.parameters import declare
 
@@ -43,7 +44,13 @@ def declare_config(node: Node, robot: Robot, lockstep: bool) -> ClientConfig:
     given = {
         name: declare(node, name, getattr(defaults, name), *row) for name, row in _DIALOGUE.items()
     }
-    return ClientConfig(fans, lockstep=lockstep, signing_key=_load_key(key_file), **given)
+    return ClientConfig(
+        fans,
+        lockstep=lockstep,
+        signing_key=_load_key(key_file),
+        rules=rules_of(robot.battery.cells),
+        **given,
+    )
 
 
 def declare_limits(node: Node, robot: Robot) -> Limits:

@@ -67,6 +67,9 @@ class PixhawkReport:
             "not_finite": telemetry.invalid,
             "autopilot_restarts": telemetry.boots,
             "rejected_intervals": client.rejected_intervals,
+            "unsafe_parameters": "; ".join(client.settings.problems(unsafe=True)),
+            "other_parameters": "; ".join(client.settings.problems(unsafe=False)),
+            "unread_parameters": ", ".join(client.settings.unread),
             "dropped_bytes": link.dropped,
             "problem": link.error,
         }
@@ -109,12 +112,16 @@ def _judge(
         return error, conflict
     if report.failsafe:
         return error, f"failsafe: {report.failsafe}"
+    if unsafe := client.settings.problems(unsafe=True):
+        return error, f"not to be armed: {'; '.join(unsafe)}"
     if client.signed and not client.config.signing_key:
         return warn, "the autopilot signs and we have no key: it is deaf"
     if since.refused > 0:
         return warn, f"thrust commands refused: {setpoints.refusal}"
     if lost:
         return error, f"fan lost: {lost}"
+    if wrong := client.settings.problems(unsafe=False):
+        return warn, f"parameters: {'; '.join(wrong)}"
     if since.projected > 0:
         return warn, f"left out: {setpoints.projection}"
     if since.damaged > 0:
