@@ -99,7 +99,7 @@ class ServoMaster(CommandedMaster):
 
     @property
     def changes(self) -> list[str]:
-        """What was changed in the servos, in sentences."""
+        """Changes made in the servos, in sentences."""
         names, changes = self.settings.joint_names, self._setup.changes.values()
         return describe_changes(names, self.devices, changes)
 

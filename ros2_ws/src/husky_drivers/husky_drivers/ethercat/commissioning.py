@@ -26,7 +26,7 @@ from husky_drivers.ethercat.pdo import MAPPINGS, RX_ASSIGNMENT, TX_ASSIGNMENT, m
 from husky_drivers.joint_master.setting_changes import SettingChange
 
 _SPEED_MARGIN = 2.0
-"""How far above its joint's velocity limit a drive's own limit of speed lies."""
+"""Ratio of a drive's own limit of speed to its joint's velocity limit."""
 _UNLIMITED = 2**32 - 1
 
 
@@ -108,7 +108,7 @@ def commission(bus: Bus, settings: AxisSettings) -> list[SettingChange]:
     """Open the bus, check who is there and what it holds; drives end in SAFEOP.
 
     Returns:
-        What was changed.
+        The changes.
 
     Raises:
         DriveError: a drive is missing, is another device, refuses a parameter or does not keep it.

@@ -146,7 +146,7 @@ class Vn200Driver(DeviceNode[Vn200Link]):
 
 @dataclass(frozen=True)
 class _Counts:
-    """What a report compares with the one before.
+    """Counts that a report compares with those of the one before.
 
     Attributes:
         time: monotonic time [s].

@@ -15,7 +15,6 @@ from husky_drivers.vn200 import requests
 from husky_drivers.vn200.binary import BinaryOutput
 from husky_drivers.vn200.protocol import (
     IMU_RATE,
-    OUTPUTS,
     AsciiMessage,
     AsyncType,
     ProtocolError,
@@ -38,7 +37,7 @@ class RegisterRefused(ValueError):
 
 @dataclass(frozen=True)
 class RegisterRule:
-    """What a register shall hold.
+    """Content that a register must have.
 
     Attributes:
         register: its number.
@@ -77,19 +76,16 @@ class Vn200Commissioning:
         # Outputs that are not ours go first: all together must fit into the baud rate.
         self._others = (
             RegisterRule(Register.ASYNC_TYPE, lambda fields: ("0", *fields[1:]), _ascii_off),
-            *(RegisterRule(number, _without_port_1, partial(_output_off, number)) for number in
-              OUTPUTS[1:]),
-        )  # fmt: skip
+            _port_1_off(Register.BINARY_OUTPUT_2),
+            _port_1_off(Register.BINARY_OUTPUT_3),
+        )
         self._ours = RegisterRule(
             Register.BINARY_OUTPUT_1, lambda fields: output.to_fields(), _output_set
-        )
-        self._silent = RegisterRule(
-            Register.BINARY_OUTPUT_1, _without_port_1, partial(_output_off, OUTPUTS[0])
         )
 
     def before_slower_baud(self) -> Iterator[Request]:
         """Yield the requests that turn all output off, so that a slower line can carry it."""
-        return self._requests((*self._others, self._silent))
+        return self._requests((*self._others, _port_1_off(Register.BINARY_OUTPUT_1)))
 
     def before_streaming(self) -> Iterator[Request]:
         """Yield the requests until the device is as the driver needs it."""
@@ -157,30 +153,37 @@ class Vn200Commissioning:
 
 
 def check_frame(frame: tuple[float, ...]) -> None:
-    """Raise ValueError when nine numbers, row by row, are no rotation."""
-    rows = [frame[i : i + 3] for i in (0, 3, 6)]
-    products = [
-        sum(a * b for a, b in zip(first, second, strict=True)) - (first is second)
-        for first in rows
-        for second in rows
-    ] if len(frame) == 9 else [math.inf]  # fmt: skip
-    x, y, z = rows if len(frame) == 9 else (IDENTITY[:3],) * 3
-    determinant = (
-        x[0] * (y[1] * z[2] - y[2] * z[1])
-        + x[1] * (y[2] * z[0] - y[0] * z[2])
-        + x[2] * (y[0] * z[1] - y[1] * z[0])
-    )
-    if not (all(abs(value) < _FRAME_TOLERANCE for value in products) and determinant > 0.0):
+    """Raise ValueError when numbers are not the nine of a rotation matrix, row by row."""
+    right = len(frame) == 9
+    if right:
+        x, y, z = frame[:3], frame[3:6], frame[6:]
+        # The third row of a rotation is the cross product of the others, which have length 1.
+        cross = (
+            x[1] * y[2] - x[2] * y[1],
+            x[2] * y[0] - x[0] * y[2],
+            x[0] * y[1] - x[1] * y[0],
+        )
+        errors = (math.hypot(*x) - 1.0, math.hypot(*y) - 1.0, math.dist(cross, z), _dot(x, y))
+        right = all(abs(error) < _FRAME_TOLERANCE for error in errors)  # false for NaN
+    if not right:
         raise ValueError(
             f"frame_rotation is {list(frame)}, it must be nine numbers of a rotation matrix, row "
             "by row"
         )
 
 
-# What the registers shall hold ------------------------------------------------------------------
+def _dot(a: tuple[float, ...], b: tuple[float, ...]) -> float:
+    return sum(p * q for p, q in zip(a, b, strict=True))
+
+
+# Wanted contents --------------------------------------------------------------------------------
 def _protocol(fields: Fields) -> Fields:
     """Keep SPI's fields; no counter, no status behind messages; XOR; errors are sent."""
     return ("0", "0", *fields[2:4], "1", fields[5], "1", *fields[7:])
+
+
+def _port_1_off(register: Register) -> RegisterRule:
+    return RegisterRule(register, _without_port_1, partial(_output_off, register))
 
 
 def _without_port_1(fields: Fields) -> Fields:

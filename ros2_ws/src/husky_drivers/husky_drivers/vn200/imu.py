@@ -216,5 +216,5 @@ class GravityCheck:
 
     @property
     def disagrees(self) -> bool:
-        """Whether the attitude has been turned, or has not found gravity."""
+        """True if the attitude has been turned, or has not found gravity."""
         return self.angle > self.limit

@@ -28,7 +28,7 @@ _RETRY_AFTER = 0.3
 
 @dataclass(frozen=True)
 class FlightSettingRule:
-    """What a parameter may be.
+    """Values that a parameter may have.
 
     Attributes:
         name: of the parameter.
@@ -57,7 +57,7 @@ class FlightSettingRule:
 
     @property
     def allowance(self) -> str:
-        """What is allowed, in words."""
+        """The allowed values in words."""
         if self.bits:
             return f"a number with bits {self.bits}"
         if self.allowed:
@@ -113,7 +113,7 @@ def rules_of(cells: int) -> dict[int, tuple[FlightSettingRule, ...]]:
 
 
 class FlightSettings:
-    """What an autopilot's parameters are, and what is wrong with them.
+    """An autopilot's parameters, and what is wrong with them.
 
     Attributes:
         autopilot: MAV_AUTOPILOT of its heartbeat, None before.
@@ -149,7 +149,7 @@ class FlightSettings:
 
     @property
     def settled(self) -> bool:
-        """Whether all have been answered, or asked for often enough."""
+        """True if all have been answered, or asked for often enough."""
         known = self.autopilot is not None and not self._missing
         return known or not self._by_autopilot or self._attempts > _ATTEMPTS
 
