@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from flying import FlightGear
 from servo_robot import ServoRobot
@@ -24,14 +26,16 @@ class FlyingBeta(ServoRobot):
         limp: joints whose servos have let go (12,) bool; the others follow on.
     """
 
-    def __init__(
-        self, seed: int = 0, contact: str = "stiff", terrain: TerrainOptions | None = None
-    ):
-        """Sit on the perch, everything powered on; on flat ground, if no other is given."""
-        ground = terrain or TerrainOptions()
-        super().__init__(
-            options=WorldOptions(ground, seed=seed, contact=contact, body="robot_with_unit")
-        )
+    def __init__(self, seed: int = 0, terrain: TerrainOptions | None = None, **ground: Any):
+        """Sit on the perch, everything powered on; on flat, hard ground, if no other is given.
+
+        Args:
+            seed: of all noise.
+            terrain: shape of the ground.
+            ground: further `WorldOptions` of it.
+        """
+        shape = terrain or TerrainOptions()
+        super().__init__(options=WorldOptions(shape, seed=seed, body="robot_with_unit", **ground))
         self.propellers = PropellersInWorld(self.robot, self.model, self.data)
         self.gear = FlightGear(self.robot, "robot", seed)
         self.limp = np.zeros(12, np.bool_)

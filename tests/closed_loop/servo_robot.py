@@ -16,7 +16,7 @@ from husky_description.robot import Robot, load_robot
 from husky_drivers.vn200.imu import ImuFigures
 from husky_runtime import graph
 from husky_sim.devices.vn200.noise import ImuNoise
-from husky_sim.scene import WorldOptions, build_scene
+from husky_sim.scene import WorldOptions, build_scene, physics_step
 
 SPEED_UNIT = 0.229 * math.pi / 30.0
 """In which the servos tell their speed [rad/s]: 0.229 rpm."""
@@ -46,6 +46,7 @@ class ServoRobot:
         options = options or WorldOptions()
         self.model = build_scene(robot, options).compile()
         self.data = mujoco.MjData(self.model)
+        self._step_physics = physics_step(self.model, options)
         mujoco.mj_resetDataKeyframe(self.model, self.data, self.model.key(options.keyframe).id)
         mujoco.mj_forward(self.model, self.data)
         self.controller = Controller(robot, parameters)
@@ -112,7 +113,7 @@ class ServoRobot:
         self._ticks += 1
         for _ in range(self._substeps):
             self._drive()
-            mujoco.mj_step(self.model, self.data)
+            self._step_physics(self.model, self.data)
         self._feel()
 
     def _drive(self) -> None:

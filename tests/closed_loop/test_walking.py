@@ -8,6 +8,7 @@ import pytest
 from in_process import InProcessRobot
 
 from husky_description.gravity import GRAVITY
+from husky_description.ground import GROUND_PRESETS
 from husky_description.robot import load_robot
 from husky_runtime import graph
 from husky_sim.world import WorldOptions
@@ -54,6 +55,20 @@ def trotting(robot, duration=1.5):
     assert accepted, message
     robot.run(duration, (SPEED, 0.0, 0.0))
     return robot
+
+
+def test_stands_and_trots_on_ground_that_gives_way():
+    ground = GROUND_PRESETS["thesis_results"]
+    robot = InProcessRobot(WorldOptions(contact="thesis_results"))
+    robot.stand()
+    depth = robot.world.robot.foot_radius - robot.world.foot_positions()[:, 2]
+    weight = robot.world.robot.mass * GRAVITY
+    assert depth.sum() == pytest.approx(weight / ground.stiffness, rel=0.05)
+    trotting(robot)
+    start = robot.world.base_position.copy()
+    robot.run(1.0, (SPEED, 0.0, 0.0))
+    assert robot.world.base_position[0] - start[0] == pytest.approx(SPEED, rel=0.05)
+    assert robot.tilt < 2.0 and robot.controller.counters.faults == 0
 
 
 def roll_pitch(robot):

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 from husky_description.gantry import GantryOptions
-from husky_description.ground import GROUND_PRESETS, GroundModel
+from husky_description.ground import GROUND_PRESETS
 from husky_description.mujoco_model import build_spec, build_unit_spec
 from husky_description.plain_mujoco import mujoco
 from husky_description.robot import Robot
@@ -13,6 +15,7 @@ from husky_runtime.graph import BODIES, TICK_PERIOD_NS
 from husky_sim import terrain
 from husky_sim.gantry import add_gantry
 from husky_sim.propulsion.fans_in_world import add_autopilot
+from husky_sim.soft_ground import SoftGround
 
 GROUND_COLOURS = {
     "ground": ((0.93, 0.93, 0.92), (0.86, 0.87, 0.88)),
@@ -23,38 +26,13 @@ HOLD = "hold"
 """Name of the equality that holds the base in place."""
 
 
-@dataclass(frozen=True)
-class ContactPreset:
-    """How the ground answers a foot.
-
-    Attributes:
-        solref: MuJoCo's contact parameters: time constant [s] and damping ratio, or minus
-            stiffness [N/m] and minus damping [N s/m] when negative.
-        friction: sliding friction coefficient. MuJoCo has one coefficient for a pair of geoms, so
-            of the thesis's static and dynamic figures this is the dynamic one.
-        source: where the numbers come from.
-    """
-
-    solref: tuple[float, float]
-    friction: float
-    source: str
-
-
-def _compliant(ground: GroundModel) -> ContactPreset:
-    """Return the nearest that MuJoCo has to a ground of T27: its spring, damper and mu_c."""
-    return ContactPreset(
-        (-ground.stiffness, -ground.damping),
-        ground.friction_coulomb,
-        f"{ground.source}; {ground.doubt}",
-    )
-
-
-CONTACT_PRESETS = {
-    "stiff": ContactPreset(
-        (0.005, 1.0), 0.7, "about 6.6e4 N/m: hard floor, friction of thesis ch. 5"
-    ),
-    **{name: _compliant(ground) for name, ground in GROUND_PRESETS.items()},
-}
+STIFF = "stiff"
+"""Contact preset of a hard floor: MuJoCo's own contact, about 6.6e4 N/m under Carbon."""
+_STIFF_SOLREF = (0.005, 1.0)
+"""Time constant [s] and damping ratio of the hard floor."""
+_STIFF_FRICTION = 0.7
+"""Friction coefficient of the hard floor (thesis ch. 5)."""
+CONTACT_PRESETS = (STIFF, *GROUND_PRESETS)
 """A hard floor, and the sets of T27, of which those of the thesis disagree."""
 
 
@@ -64,8 +42,9 @@ class WorldOptions:
 
     Attributes:
         terrain: the ground.
-        contact: name in `CONTACT_PRESETS`.
-        friction: sliding friction, or None for the preset's.
+        contact: one of `CONTACT_PRESETS`.
+        friction: friction coefficient, static and sliding, or None for the preset's.
+        stiffness: of a foot on a preset of T27 [N/m], or None for the preset's.
         timestep: physics step [s]; must divide the tick of 2 ms.
         keyframe: initial posture, "sit" or "stand".
         seed: of terrain and devices.
@@ -80,6 +59,7 @@ class WorldOptions:
     terrain: terrain.TerrainOptions = field(default_factory=terrain.TerrainOptions)
     contact: str = "stiff"
     friction: float | None = None
+    stiffness: float | None = None
     timestep: float = 0.0005
     keyframe: str = "sit"
     seed: int = 0
@@ -105,6 +85,13 @@ class WorldOptions:
             )
         if self.friction is not None and not 0.0 < self.friction <= 5.0:
             raise ValueError(f"friction is {self.friction}, it must be above 0 and at most 5")
+        if self.stiffness is not None and self.contact == STIFF:
+            raise ValueError(
+                f"stiffness is {self.stiffness} N/m, but contact is {STIFF!r}, which has none: it "
+                f"must be one of {', '.join(GROUND_PRESETS)}"
+            )
+        if self.stiffness is not None and not 1.0 <= self.stiffness <= 1e6:
+            raise ValueError(f"stiffness is {self.stiffness} N/m, it must be within 1 and 1e6")
         ticks = TICK_PERIOD_NS / 1e9 / self.timestep if self.timestep > 0 else 0.0
         if not 1.0 <= ticks <= 100.0 or abs(ticks - round(ticks)) > 1e-9:
             raise ValueError(
@@ -116,7 +103,6 @@ class WorldOptions:
 def build_scene(robot: Robot, options: WorldOptions) -> mujoco.MjSpec:
     """Return the robot in its world: ground, light, sky."""
     spec = build_unit_spec(robot) if options.body == "unit" else build_spec(robot)
-    preset = CONTACT_PRESETS[options.contact]
     spec.option.timestep = options.timestep
     spec.visual.headlight.ambient = [0.35, 0.35, 0.35]
     spec.visual.headlight.diffuse = [0.5, 0.5, 0.5]
@@ -159,15 +145,32 @@ def build_scene(robot: Robot, options: WorldOptions) -> mujoco.MjSpec:
         solref=[0.004, 1.0],
     )
     terrain.build(spec, options.terrain, options.seed)
-    friction = preset.friction if options.friction is None else options.friction
+    friction = _STIFF_FRICTION if options.friction is None else options.friction
     for geom in spec.geoms:
         if geom.name.startswith(terrain.FLOOR):
             # The ground decides alone (priority), so that one number is the friction of a run.
             geom.priority = 1
             geom.condim = 3
             geom.friction = [friction, 0.005, 0.0001]
-            geom.solref = list(preset.solref)
+            geom.solref = list(_STIFF_SOLREF)
     return spec
+
+
+PhysicsStep = Callable[[mujoco.MjModel, mujoco.MjData], None]
+
+
+def physics_step(model: mujoco.MjModel, options: WorldOptions) -> PhysicsStep:
+    """Return the function that advances a scene's model by one physics step, as `mj_step` does."""
+    if options.contact == STIFF:
+        step: PhysicsStep = mujoco.mj_step
+        return step
+    changes: dict[str, Any] = {}
+    if options.friction is not None:
+        changes |= {"friction_coulomb": options.friction, "friction_static": options.friction}
+    if options.stiffness is not None:
+        changes["stiffness"] = options.stiffness
+    ground = replace(GROUND_PRESETS[options.contact], **changes)
+    return SoftGround(model, ground, terrain.FLOOR).step
 
 
 Colour = tuple[float, float, float]

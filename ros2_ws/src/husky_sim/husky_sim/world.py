@@ -18,7 +18,7 @@ from husky_sim.devices.drives.motor import Servos, ServoTiming
 from husky_sim.gantry import Gantry
 from husky_sim.propulsion.fans_in_world import FansInWorld
 from husky_sim.propulsion.propellers_in_world import propulsion_of
-from husky_sim.scene import HOLD, WorldOptions, build_scene
+from husky_sim.scene import HOLD, WorldOptions, build_scene, physics_step
 
 IMU_PERIOD_NS = 1_250_000
 """Period of the VN-200's output [ns]: 800 Hz (thesis T4)."""
@@ -92,6 +92,7 @@ class World:
         self.model = spec.compile()
         self._spec = spec
         self.data = mujoco.MjData(self.model)
+        self._step_physics = physics_step(self.model, options)
         self.servos = _make_servos(robot, options)
         self._substeps = round(TICK_PERIOD_NS / 1e9 / options.timestep)
         self._step_ns = TICK_PERIOD_NS // self._substeps
@@ -187,7 +188,7 @@ class World:
             data.xfrc_applied[self._push_body] = 0.0
             self._push_until_ns = 0
         now = self.time_ns
-        step_servos, step_physics = servos.step, mujoco.mj_step
+        step_servos, step_physics = servos.step, self._step_physics
         if self.gantry is not None:
             self.gantry.advance(TICK_PERIOD_NS / 1e9)
         fans = self.fans

@@ -30,7 +30,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--duration", type=float, default=20.0, help="measured time [s]")
     parser.add_argument("--seed", type=int, default=1, help="of all sensor noise")
     parser.add_argument(
-        "--contact", choices=tuple(CONTACT_PRESETS), default="stiff", help="the ground (T27)"
+        "--contact", choices=CONTACT_PRESETS, default="stiff", help="the ground (T27)"
     )
 
 

@@ -54,10 +54,11 @@ def declare_world(node: Node) -> WorldOptions:
     """Declare what stands where; return it; raises ValueError for what cannot be built."""
     defaults = WorldOptions()
     terrain = _declare_terrain(node)
-    presets = tuple(CONTACT_PRESETS)
-    contact = declare(node, "contact", defaults.contact, "contact preset", allowed=presets)
-    what = "sliding friction [-], negative for the preset's"
+    contact = declare(node, "contact", defaults.contact, "contact preset", allowed=CONTACT_PRESETS)
+    what = "friction coefficient, static and sliding [-], negative for the preset's"
     friction = declare(node, "friction", -1.0, what, -1.0, 5.0)
+    what = "of a foot on a preset of T27 [N/m], negative for the preset's"
+    stiffness = declare(node, "stiffness", -1.0, what, -1.0, 1e6)
     timestep = declare(node, "timestep", defaults.timestep, "physics step [s]", 1e-5, 0.002)
     body = declare(node, "body", defaults.body, "what stands in the world", allowed=graph.BODIES)
     unit = body == "unit"
@@ -75,6 +76,7 @@ def declare_world(node: Node) -> WorldOptions:
         terrain=terrain,
         contact=contact,
         friction=friction if friction > 0.0 else None,
+        stiffness=stiffness if stiffness > 0.0 else None,
         timestep=timestep,
         body=body,
         keyframe=keyframe,
