@@ -12,6 +12,7 @@ from husky_pu.autopilot.weighted_mixer import mixer_of
 from husky_pu.companion.bridge import Limits
 from husky_pu.companion.client import ClientConfig
 from husky_pu.mavlink.frames import read_key
+from husky_runtime.nodes.one_clock import longest_look
 from husky_runtime.nodes.parameters import declare
 
 _DIALOGUE = {
@@ -43,7 +44,8 @@ def declare_config(node: Node, robot: Robot, lockstep: bool) -> ClientConfig:
     given = {
         name: declare(node, name, getattr(defaults, name), *row) for name, row in _DIALOGUE.items()
     }
-    return ClientConfig(fans, lockstep=lockstep, signing_key=_load_key(key_file), **given)
+    key, look = _load_key(key_file), longest_look(node)
+    return ClientConfig(fans, lockstep=lockstep, signing_key=key, longest_look=look, **given)
 
 
 def declare_limits(node: Node, robot: Robot) -> Limits:
