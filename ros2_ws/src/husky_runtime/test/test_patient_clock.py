@@ -19,7 +19,7 @@ def read_through(clock, gaps):
 
 @given(GAPS)
 def test_each_gap_counts_up_to_the_longest_look(gaps):
-    walls, times = read_through(PatientClock(0.25), gaps)
+    _, times = read_through(PatientClock(0.25), gaps)
     expected = 1000.0 + sum(min(gap, 0.25) for gap in gaps)
     assert times[-1] == pytest.approx(expected, abs=1e-9)
 
