@@ -63,7 +63,7 @@ class Console(OneClock, Node):
         self._rate = declare(
             self, "rate", 30.0, "drawings in a second of wall time [Hz]", 1.0, 60.0
         )
-        self._clock = PatientClock(longest_look(self))
+        self._patient_clock = PatientClock(longest_look(self))
         self._server = PageServer()
         self._calls = ServiceCalls(self, partial(wake, self), _PATIENCE)
         parameters = RemoteParameters(self, self._calls)
@@ -105,7 +105,7 @@ class Console(OneClock, Node):
 
     def _draw(self) -> None:
         now = self.get_clock().now().nanoseconds / 1e9
-        self._page.draw(now, self._clock.read(time.monotonic()))
+        self._page.draw(now, self._patient_clock.read(time.monotonic()))
 
     def _listen(self) -> None:
         """Subscribe to what the page shows; what is latched comes at once."""
@@ -136,7 +136,7 @@ class Console(OneClock, Node):
             if topic in SOURCES:
                 self._steering.take(topic, message)
             if topic in page.SOURCES:
-                self._page.take(topic, message, self._clock.read(time.monotonic()))
+                self._page.take(topic, message, self._patient_clock.read(time.monotonic()))
         except ValueError as error:
             raise Refused(str(error)) from error
 
