@@ -5,6 +5,11 @@ whichever the fixture `trotting` has.
 """
 
 import signal
+import threading
+import time
+
+import pytest
+from seen_robot import GRACE
 
 from husky_runtime import graph
 
@@ -81,3 +86,29 @@ def test_controller_stalled_beyond_grace(trotting, record_property):
     s.processes.kill(graph.LOW_LEVEL_CONTROLLER, signal.SIGCONT)
     trotting.until_damped()
     trotting.recover()
+
+
+@pytest.mark.slow  # it waits for longer than the grace period
+def test_all_nodes_paused(trotting):
+    """The plant, which waits for the bridge, runs again before the bridge does."""
+    s = trotting.session
+    others = (graph.PLANT, graph.VN200_DRIVER, graph.LOW_LEVEL_CONTROLLER)
+    judges = (graph.PLANT, graph.DRIVE_BRIDGE, graph.LOW_LEVEL_CONTROLLER)
+    losses = [trotting.told(node, "peer_losses") for node in judges]
+    s.processes.kill(graph.DRIVE_BRIDGE, signal.SIGSTOP)
+
+    def pause():
+        time.sleep(0.2)  # the plant waits, and no message that nobody repeats is under way
+        for node in others:
+            s.processes.kill(node, signal.SIGSTOP)
+        time.sleep(GRACE + 0.5)
+        for node in (*others, graph.DRIVE_BRIDGE):
+            s.processes.kill(node, signal.SIGCONT)
+            time.sleep(0.05)
+
+    pausing = threading.Thread(target=pause)
+    pausing.start()
+    s.advance(0.5)
+    pausing.join()
+    assert trotting.mode == "walk" and s.drives.operational, trotting.seen
+    assert [trotting.told(node, "peer_losses") for node in judges] == losses

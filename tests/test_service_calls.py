@@ -2,6 +2,7 @@
 
 import time
 from concurrent.futures import ThreadPoolExecutor
+from types import SimpleNamespace
 
 import pytest
 
@@ -13,6 +14,7 @@ from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
 from husky_bringup.node_parameter import NodeParameter
+from husky_bringup.nodes import service_calls
 from husky_bringup.nodes.remote_parameters import RemoteParameters
 from husky_bringup.nodes.service_calls import CallError, ServiceCalls
 from husky_runtime.nodes.executor import WaitSetExecutor
@@ -60,6 +62,24 @@ def test_a_service_that_does_not_answer_is_given_up(node, executor):
     for call in calls._under_way:
         call.until = 0.0  # its time is over
     assert reason(calls, executor, answer) == "/silent: has not answered in time"
+
+
+def test_a_node_that_was_stopped_gives_no_call_up(node, monkeypatch):
+    """Of the stop one look counts; then the call has nearly all of its time."""
+    now = [1000.0]
+    monkeypatch.setattr(service_calls, "time", SimpleNamespace(monotonic=lambda: now[0]))
+    node.set_parameters([Parameter("use_sim_time", value=True)])
+    calls = make(node, 1.0)
+    answer = calls.call("/nowhere", Trigger, Trigger.Request())
+    now[0] += 20.0
+    for _ in range(16):
+        assert not calls.serve() and not answer.done()
+        now[0] += 0.05
+    now[0] += 0.05
+    for _ in range(4):
+        now[0] += 0.05
+        calls.serve()
+    assert "is not there" in str(answer.exception())
 
 
 def test_more_calls_than_it_makes_at_once_are_refused(node, executor):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -22,7 +23,7 @@ class Page:
     """An operator whose words come at once, ten times a second."""
 
     def __init__(self, operators: Operators | None = None):
-        self.operators = operators or Operators(RULES)
+        self.operators = Operators(RULES) if operators is None else operators
         self.operator: Operator = self.operators.join()
         self.now = 0.0
         self.says()
@@ -30,8 +31,8 @@ class Page:
     def says(self, after: float = 0.1, late: float = 0.0, **held: Any) -> list[Action]:
         """Say what is held a while after the last word, with a beat that is so old."""
         self.now += after
-        beat = self.operators.beat(self.operator, self.now - late)[0]
-        return self.operators.hold(self.operator, Hold(beat, **held), self.now)
+        self.beat = self.operators.beat(self.operator, self.now - late)[0]
+        return self.operators.hold(self.operator, Hold(self.beat, **held), self.now)
 
     def command(self, after: float = 0.0) -> Velocity | None:
         return self.operators.command(self.now + after)
@@ -44,6 +45,42 @@ def pad(*down: int, forward: float = 0.0) -> Pad:
 @pytest.fixture
 def page() -> Page:
     return Page()
+
+
+# A pause of the console ------------------------------------------------------------------------
+@pytest.fixture
+def paused() -> Page:
+    """Somebody drives; then the console of a simulation is stopped for 20 s."""
+    page = Page(Operators(replace(RULES, longest_look=0.1)))
+    page.says(stick=AHEAD)
+    page.now += 20.0
+    return page
+
+
+def test_a_pause_of_the_console_is_no_silence_of_a_browser(paused: Page) -> None:
+    """What was held is held; a browser that has gone meanwhile counts for `silence` from there."""
+    assert paused.command() == Velocity(0.5)
+    paused.says(stick=AHEAD)
+    assert paused.command() == Velocity(0.5)
+    for _ in range(10):
+        paused.now += 0.05
+        moving = paused.command()
+    assert moving == ZERO
+
+
+def test_words_that_waited_for_the_console_neither_drive_nor_bar(paused: Page) -> None:
+    old = paused.beat
+    assert (
+        paused.operators.hold(paused.operator, Hold(old, stick=(-1.0, 0.0, 0.0)), paused.now) == []
+    )
+    assert paused.command() == Velocity(0.5), "the last word from before the pause"
+    paused.says(stick=(0.0, 1.0, 0.0))
+    assert paused.command() == Velocity(left=0.3), "who still holds it need not let go first"
+
+
+def test_a_button_that_waited_for_the_console_is_as_old_as_it_is(paused: Page) -> None:
+    old = paused.beat
+    assert paused.operators.age(paused.operator, old, paused.now) == pytest.approx(20.0)
 
 
 # What is held ---------------------------------------------------------------------------------

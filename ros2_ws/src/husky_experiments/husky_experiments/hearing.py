@@ -6,7 +6,6 @@ world steps takes a fifth of a processor from the nodes.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
@@ -131,13 +130,13 @@ class HeardGraph(GraphLink):
     def _catch_up(self) -> None:
         """Wait for the reports of the ticks gone by, of the nodes that do report."""
         now = round(self.time * 1e9)
-        deadline, patience = time.monotonic() + _REPORT_PERIOD, _GLANCE
+        deadline, patience = self.now() + _REPORT_PERIOD, _GLANCE
         while late := [
             topic
             for topic, stamp in self._reported.items()
             if stamp <= now - _REPORTS[topic] and topic not in self._excused
         ]:
-            if time.monotonic() > deadline:
+            if self.now() > deadline:
                 for topic in late:
                     del self._reported[topic]
                 return

@@ -21,6 +21,7 @@ from husky_experiments.discovery import processes_of, servers, subscribers
 from husky_runtime import graph
 from husky_runtime.domain_locks import OccupiedError
 from husky_runtime.nodes import qos
+from husky_runtime.patient_clock import PatientClock
 
 _START_PERIOD = 900.0
 """Wall time that the graph may take to come up [s]: the first time nodes compile, for which a
@@ -31,6 +32,8 @@ _PROBE_PERIOD = 0.25
 """Wall time after which a first request is made again [s]."""
 ANSWER_PERIOD = 45.0
 """Wall time that a service may take to answer [s]."""
+_LONGEST_LOOK = 1.0
+"""Most that the time between two looks counts of these [s]: looks come every 0.5 s at least."""
 
 
 _PATHS = (
@@ -88,6 +91,7 @@ class GraphLink:
         self._probes = probes
         self.processes: Any = Processes(logs=output / "logs") if nodes is None else nodes
         self._output = output
+        self._clock = PatientClock(_LONGEST_LOOK)
         self._owners: dict[str, str] = {}  # node by service
         try:
             # First: where a graph is there already, not even our own node joins it.
@@ -180,6 +184,10 @@ class GraphLink:
 
         self.wait_for(answered, f"an answer of {service}")
 
+    def now(self) -> float:
+        """Return the wall time without that in which this process was stopped [s]."""
+        return self._clock.read(time.monotonic())
+
     # Waiting --------------------------------------------------------------------------------
     def serve(self, patience: float) -> None:
         """Serve a callback of what comes within a while of wall time [s]."""
@@ -198,10 +206,10 @@ class GraphLink:
         Raises:
             SessionError: saying what was awaited, when a node ends or it takes too long.
         """
-        deadline = time.monotonic() + patience
+        deadline = self.now() + patience
         while not predicate():
             self._check_processes()
-            if time.monotonic() > deadline:
+            if self.now() > deadline:
                 raise SessionError(f"waited {patience:.0f} s of wall time in vain for {what}")
             self.serve(0.02)
 
@@ -222,10 +230,10 @@ class GraphLink:
             SessionError: no answer.
         """
         future = self.ask(service, request)
-        deadline = time.monotonic() + ANSWER_PERIOD
+        deadline = self.now() + ANSWER_PERIOD
         while not future.done():
             self._check_processes()
-            if time.monotonic() > deadline:
+            if self.now() > deadline:
                 service = graph.absolute(service)
                 raise SessionError(f"{service} has not answered for {ANSWER_PERIOD:.0f} s")
             self.serve(0.5)

@@ -7,7 +7,6 @@ it. So a script gives the same trajectory however fast anything ran.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
@@ -220,12 +219,12 @@ class Session(HeardGraph):
             SessionError: it does not.
         """
         end = self.time + duration
-        deadline = time.monotonic() + ANSWER_PERIOD + 5.0 * duration
+        deadline = self.now() + ANSWER_PERIOD + 5.0 * duration
         next_velocity = 0.0
         while self.time < end:
             if until is not None and until():
                 return True
-            now = time.monotonic()
+            now = self.now()
             if now > deadline:
                 raise SessionError(f"simulated time stands still at {self.time:.3f} s")
             if self._send_velocity and now > next_velocity:

@@ -106,6 +106,31 @@ def test_a_world_that_stands_is_no_loss_while_the_autopilot_answers(make_autopil
     assert not pair.client.connected
 
 
+@pytest.mark.parametrize("stop", [4.0, 20.0])
+@pytest.mark.parametrize("lockstep", [False, True])
+def test_a_companion_that_was_stopped_does_not_lose_its_autopilot(
+    make_autopilot, make_pair, lockstep, stop
+):
+    """Stopped together they go on; an autopilot that stays silent is lost as soon as ever."""
+    pair = make_pair(make_autopilot(), lockstep=lockstep, longest_look=0.1).connect()
+    pair.autopilot.telemetry(20)
+    pair.carry()
+    pair.autopilot.deaf = 1000  # until it runs again
+    pair.now += stop
+    pair.wait(0.4)
+    assert pair.client.connected
+    pair.wait(3.5)
+    assert not pair.client.connected and pair.client.losses == 1
+
+
+def test_on_the_robot_a_companion_that_was_stopped_asks_anew(pair):
+    pair.autopilot.telemetry(20)
+    pair.carry()
+    pair.now += 4.0
+    pair.client.poll(pair.now)
+    assert not pair.client.connected
+
+
 def test_a_restart_asks_again(pair):
     pair.autopilot.armed = True
     pair.autopilot.heartbeat()

@@ -9,11 +9,12 @@ does not depend on how fast anything ran.
 A peer that stays silent for the grace period (wall time) is declared lost: ticks go on without it,
 so that watchdogs act. One whose process is known to have ended is lost at once. Nobody is lost
 because the machine is slow: time in which its process works, or waits for a processor, or one that
-it has started does, is no silence, for ten grace periods at most. Every tick still asks one that is
-lost, and a world that stands still does now and then: it is expected again as soon as it answers.
-Determinism ends at a loss, and `losses` says so. At the start a peer gets a longer grace, because
-processes come up in any order; one whose first words cannot be repeated (the IMU's samples) is
-awaited only once it has been heard.
+it has started does, is no silence, for ten grace periods at most. Nor is time in which the process
+that waits did not run (`PatientClock`). Every tick still asks one that is lost, and a world that
+stands still does now and then: it is expected again as soon as it answers. Determinism ends at a
+loss, and `losses` says so. At the start a peer gets a longer grace, because processes come up in
+any order; one whose first words cannot be repeated (the IMU's samples) is awaited only once it has
+been heard.
 
 Messages are best effort. The plant says its last word again when it has waited for a moment, and
 the bridge hands that on. Whoever hears a word twice says its own last word again: the answer, if
@@ -25,6 +26,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from enum import Enum
+
+from husky_runtime.patient_clock import LONGEST_LOOK, PatientClock
 
 _BUSY_FACTOR = 10.0
 """One that is busy gets so many grace periods: it may hang."""
@@ -59,6 +62,7 @@ class Peer:
         grace: float = 1.0,
         start_grace: float | None = 30.0,
         busy: Callable[[], float | None] = lambda: 0.0,
+        longest_look: float = LONGEST_LOOK,
     ):
         """Start as expected, or as absent.
 
@@ -68,6 +72,7 @@ class Peer:
             start_grace: the same for its first answer [s]; None for not waiting before that.
             busy: tells for how long its process has worked or waited for a processor so far [s]; 0
                 for one that cannot be seen from here, None for one that has ended.
+            longest_look: most that the time between two calls of `expire` counts [s].
 
         Raises:
             ValueError: a grace period that is not above 0.
@@ -82,6 +87,7 @@ class Peer:
         self.losses = 0
         self._patience = grace if start_grace is None else max(grace, start_grace)
         self._busy = busy
+        self._clock = PatientClock(longest_look)
         self._waiting_since: float | None = None
         self._looked_at: tuple[float, float] | None = None  # when, and how busy it was then [s]
         self._was_busy = 0.0  # since it is waited for [s]
@@ -116,8 +122,10 @@ class Peer:
     def expire(self, now: float) -> bool:
         """Its answer is awaited at a monotonic wall time [s]; return whether it is just lost.
 
-        The grace period runs from the first call after its last answer.
+        The grace period runs from the first call after its last answer. Take in what has arrived
+        before a call; calls follow one another at least twice in `longest_look`.
         """
+        now = self._clock.read(now)
         if self._waiting_since is None:
             self._waiting_since = now
         if self.presence is not Presence.EXPECTED or not self._is_silent(now - self._waiting_since):

@@ -1,3 +1,5 @@
+import math
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -5,6 +7,14 @@ from hypothesis import strategies as st
 from husky_runtime.lockstep import Exchange, Heard, Peer, Presence
 
 TICK = 2_000_000
+LOOK = 0.05
+"""Between two looks of an idle executor [s]."""
+
+
+def is_lost(peer, since, until):
+    """Await its answer from one time to another [s]; return whether it has been lost meanwhile."""
+    looks = round((until - since) / LOOK)
+    return any([peer.expire(since + LOOK * look) for look in range(looks + 1)])
 
 
 def test_awaited_until_it_answers():
@@ -18,9 +28,8 @@ def test_awaited_until_it_answers():
 def test_lost_after_the_grace_period_and_back_with_its_next_word():
     peer = Peer("bridge", grace=1.0)
     peer.answer(0)
-    assert not peer.expire(10.0)
-    assert not peer.expire(10.9)
-    assert peer.expire(11.1)
+    assert not is_lost(peer, 10.0, 11.0)
+    assert peer.expire(11.05)
     assert peer.presence is Presence.LOST and peer.losses == 1
     assert peer.ready(5 * TICK), "ticks go on without it"
     assert not peer.expire(99.0), "a loss is told once"
@@ -35,8 +44,7 @@ def test_one_that_is_lost_still_owes_its_answer():
     assert peer.owes(0)
     peer.answer(0)
     assert not peer.owes(0) and peer.owes(TICK)
-    peer.expire(10.0)
-    peer.expire(11.1)
+    assert is_lost(peer, 10.0, 11.1)
     assert peer.presence is Presence.LOST and peer.owes(TICK)
     assert not Peer("imu", start_grace=None).owes(0), "nobody has asked it"
 
@@ -44,25 +52,24 @@ def test_one_that_is_lost_still_owes_its_answer():
 def test_a_sign_of_life_starts_the_grace_period_again():
     peer = Peer("controller", grace=1.0)
     peer.answer(TICK)
-    for now in (0.0, 0.9, 1.8, 2.7):
-        assert not peer.expire(now)
+    for now in (0.0, 1.0, 2.0, 3.0):
+        assert not is_lost(peer, now, now + 0.9)
         peer.answer(0)  # an earlier word, said again
     assert peer.ready(TICK) and not peer.ready(2 * TICK)
 
 
 def test_first_word_may_take_longer():
     peer = Peer("bridge", grace=1.0, start_grace=30.0)
-    assert not peer.expire(0.0)
-    assert not peer.expire(29.0)
+    assert not is_lost(peer, 0.0, 29.9)
     peer.answer(0)
-    assert not peer.expire(40.0)
-    assert peer.expire(41.5)
+    assert not is_lost(peer, 40.0, 40.9)
+    assert is_lost(peer, 40.9, 41.1)
 
 
 def test_one_that_is_not_awaited_before_it_is_heard():
     peer = Peer("imu", grace=1.0, start_grace=None)
     assert peer.ready(TICK) and peer.presence is Presence.ABSENT
-    assert not peer.expire(0.0) and not peer.expire(99.0)
+    assert not is_lost(peer, 0.0, 99.0)
     peer.answer(0)
     assert not peer.ready(TICK)
 
@@ -71,8 +78,8 @@ def test_one_that_was_absent_can_be_asked():
     peer = Peer("planner", grace=1.0, start_grace=None)
     peer.expect()
     assert not peer.ready(0)
-    assert not peer.expire(10.0) and not peer.expire(10.9)
-    assert peer.expire(11.1) and peer.ready(0)
+    assert not is_lost(peer, 10.0, 10.9)
+    assert is_lost(peer, 10.9, 11.1) and peer.ready(0)
     peer.expect()
     assert peer.presence is Presence.LOST, "who is lost comes back by an answer alone"
 
@@ -99,10 +106,9 @@ def test_one_that_ends_while_it_is_awaited_is_lost_at_once():
     busy = [100.0]
     peer = Peer("planner", grace=20.0, busy=lambda: busy[0])
     peer.answer(0)
-    assert not peer.expire(0.0) and not peer.expire(0.6)
+    assert not is_lost(peer, 0.0, 0.6)
     busy[0] = None
-    assert not peer.expire(0.65)
-    assert peer.expire(0.71)
+    assert is_lost(peer, 0.6, 0.75)
 
 
 def test_what_a_compiler_had_that_it_has_started_counts_when_that_has_ended():
@@ -113,6 +119,28 @@ def test_what_a_compiler_had_that_it_has_started_counts_when_that_has_ended():
     while not peer.expire(now):
         now += 0.01
     assert now == pytest.approx(6.0, abs=0.15)
+
+
+@pytest.mark.parametrize("stop", [4.0, 20.0, 3600.0])
+def test_a_judge_that_was_stopped_condemns_nobody(stop):
+    """Its peers were stopped too: they still have nearly all of the grace period to answer."""
+    peer = Peer("controller", grace=1.0)
+    peer.answer(0)
+    assert not is_lost(peer, 0.0, 0.1)
+    assert not is_lost(peer, 0.1 + stop, 0.8 + stop)
+    assert is_lost(peer, 0.8 + stop, 1.1 + stop), "it never came back"
+
+
+def test_a_judge_that_looks_seldom_finds_a_dead_peer():
+    peer = Peer("controller", grace=1.0)
+    peer.answer(0)
+    assert [peer.expire(10.0 * look) for look in range(13)].index(True) <= 11
+
+
+def test_on_the_robot_a_silence_counts_however_it_came_about():
+    peer = Peer("controller", grace=1.0, longest_look=math.inf)
+    peer.answer(0)
+    assert not peer.expire(0.0) and peer.expire(4.0)
 
 
 def test_restart_forgets_answers_of_before():

@@ -7,6 +7,7 @@ import dataclasses
 import math
 import threading
 import time
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import given, settings
@@ -15,6 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from husky_description.robot import load_robot
 from husky_description.rotation import swap_body, swap_world_and_body
+from husky_drivers.vn200 import link as link_module
 from husky_drivers.vn200.binary import IMU_LAYOUT, BinaryOutput
 from husky_drivers.vn200.imu import GravityCheck, ImuFigures
 from husky_drivers.vn200.link import Vn200Link
@@ -310,14 +312,15 @@ class World(threading.Thread):
 class Reader:
     """A link with its samples; waits for things, as long as it takes."""
 
-    def __init__(self, path):
+    def __init__(self, path, config=None, **options):
         self.samples = []
         self.states = []
         self.link = Vn200Link(
             str(path),
-            SessionConfig(),
+            config or SessionConfig(),
             lambda values, host_ns: self.samples.append(values),
             on_state=self.states.append,
+            **options,
         )
         self.link.start()
 
@@ -378,6 +381,34 @@ def test_the_link_follows_a_power_cycle_to_another_rate(bench):
     reader.wait_for_samples()
     with world.lock:
         assert world.device.baud == 921600
+
+
+def test_a_link_that_was_stopped_with_a_silent_device_does_not_open_its_port_again(
+    tmp_path, monkeypatch
+):
+    """The world stands still; then the driver is stopped for 20 s, twice its patience."""
+    looks, stopped = [], [0.0]
+
+    def monotonic():
+        looks.append(stopped[0])
+        return time.monotonic() + stopped[0]
+
+    clock = SimpleNamespace(monotonic=monotonic, time_ns=time.time_ns)
+    monkeypatch.setattr(link_module, "time", clock)
+    with PtyPort(tmp_path / "vn200") as port:
+        world = World(port)
+        world.start()
+        reader = Reader(port.path, SessionConfig(silence_timeout=10.0), longest_look=0.1)
+        reader.wait_for_samples()
+        with world.lock:
+            reader.wait(lambda: reader.link.session.state is SessionState.STALE, "no sample")
+            stopped[0] = 20.0
+            reader.wait(lambda: looks[-5:] == [20.0] * 5, "looks after the stop")
+        reader.wait_for_samples()
+        assert reader.link.connections == 1
+        reader.link.stop()
+        world.running = False
+        world.join()
 
 
 def test_the_link_waits_for_a_port_that_is_not_there_yet(tmp_path):

@@ -3,6 +3,9 @@
 A browser says twenty times a second what is held, as long as anything is. What it says counts for
 a moment, and only while it answers promptly: each time it sends back the last of the beats that it
 has been sent, so that words which were long under way drive nothing.
+
+In simulation a console that was stopped itself (`PatientClock`) does not take that for the silence
+of a browser. Words that waited meanwhile drive nothing either, but nobody has to let go for them.
 """
 
 from __future__ import annotations
@@ -27,6 +30,7 @@ from husky_bringup.teleop_mapping import (
     JoystickLayout,
     Velocity,
 )
+from husky_runtime.patient_clock import PatientClock
 
 _BEATS = 100
 """Beats that are remembered; a word with an older one is old."""
@@ -92,11 +96,13 @@ class Rules:
         limits: velocities at full deflection.
         layout: where things are on a gamepad.
         silence: how long a word counts, and how old the beat in it may be [s].
+        longest_look: most that the time between two looks counts as silence [s].
     """
 
     limits: Velocity
     layout: JoystickLayout
     silence: float
+    longest_look: float = math.inf
 
 
 class Beat(NamedTuple):
@@ -127,12 +133,12 @@ class Operator:
         is_barred: whether all must be let go before anything counts.
     """
 
-    def __init__(self, rules: Rules):
-        """Nothing is held."""
-        self._rules = rules
+    def __init__(self, rules: Rules, clock: PatientClock):
+        """Nothing is held; times are of this clock."""
+        self._rules, self._clock = rules, clock
         self._dead_man = DeadMan(rules.silence, RELEASE)
         self._joystick = Joystick(rules.limits, rules.layout, rules.silence)
-        self._beats: deque[tuple[int, float]] = deque(maxlen=_BEATS)
+        self._beats: deque[tuple[int, tuple[float, float]]] = deque(maxlen=_BEATS)
         self._count = itertools.count(1)
         self.is_barred = True
         self._speed = 1.0
@@ -143,17 +149,26 @@ class Operator:
     def beat(self, now: float) -> int:
         """Return the number of the beat that is sent at a time [s]."""
         number = next(self._count)
-        self._beats.append((number, now))
+        self._beats.append((number, (now, self._clock.missed)))
         return number
 
     def age(self, beat: int, now: float) -> float:
-        """Return how long ago a beat was sent [s]; infinite for one that is not known."""
+        """Return how long ago a beat was sent by the wall's clock [s]; infinite for another."""
+        return sum(self._ages(beat, now))
+
+    def _ages(self, beat: int, now: float) -> tuple[float, float]:
+        """Return how long ago a beat was sent by the clock, and what that has missed since [s]."""
         sent = dict(self._beats).get(beat)
-        return now - sent if sent is not None else math.inf
+        if sent is None:
+            return math.inf, 0.0
+        return now - sent[0], self._clock.missed - sent[1]
 
     def hold(self, word: Hold, now: float) -> list[Action]:
         """Take what is held at a time [s]; return actions of buttons that have just gone down."""
-        self.delay = self.age(word.beat, now)
+        age, missed = self._ages(word.beat, now)
+        if age <= self._rules.silence < age + missed:
+            return []  # it has waited for this process; who holds something says so again soon
+        self.delay = age + missed
         if self.delay > self._rules.silence:
             self.bar(now)
         share, pad = _share(word), word.pad
@@ -204,11 +219,15 @@ def _share(word: Hold) -> Velocity | None:
 
 
 class Operators:
-    """All of them; the robot follows one who drives until he lets go. For any thread."""
+    """All of them; the robot follows one who drives until he lets go.
+
+    For any thread; times are of the wall's monotonic clock.
+    """
 
     def __init__(self, rules: Rules):
         """Nobody is there."""
         self._rules, self._lock = rules, threading.Lock()
+        self._clock = PatientClock(rules.longest_look)  # under the lock
         self._present: list[Operator] = []
         self._driver: Operator | None = None
 
@@ -219,18 +238,19 @@ class Operators:
     def join(self) -> Operator:
         """Return a new one."""
         with self._lock:
-            self._present.append(Operator(self._rules))
+            self._present.append(Operator(self._rules, self._clock))
             return self._present[-1]
 
     def leave(self, operator: Operator, now: float) -> None:
         """Let one go at a time [s]; if the robot followed him, it is sent zero."""
         with self._lock:
-            operator.bar(now)
+            operator.bar(self._clock.read(now))
             self._present.remove(operator)
 
     def hold(self, operator: Operator, word: Hold, now: float) -> list[Action]:
         """Take what one holds at a time [s]; return actions of buttons that have just gone down."""
         with self._lock:
+            now = self._clock.read(now)
             actions = operator.hold(word, now)
             self._driver = self._choose(now) or self._driver
             return actions
@@ -238,11 +258,12 @@ class Operators:
     def age(self, operator: Operator, beat: int, now: float) -> float:
         """Return how long ago a beat was sent to one [s]."""
         with self._lock:
-            return operator.age(beat, now)
+            return operator.age(beat, self._clock.read(now))
 
     def beat(self, operator: Operator, now: float) -> Beat:
         """Return the beat to send him at a time [s]."""
         with self._lock:
+            now = self._clock.read(now)
             driver = self._choose(now)
             drives = "" if driver is None else "you" if driver is operator else "another"
             obstacle = ""
@@ -262,12 +283,14 @@ class Operators:
     def stop(self, now: float) -> None:
         """End what any of them holds now [s], until they have let go."""
         with self._lock:
+            now = self._clock.read(now)
             for operator in self._present:
                 operator.bar(now)
 
     def command(self, now: float) -> Velocity | None:
         """Return what to send the robot at a time [s], None for nothing."""
         with self._lock:
+            now = self._clock.read(now)
             self._driver = self._choose(now) or self._driver
             return self._driver.command(now) if self._driver is not None else None
 

@@ -32,9 +32,10 @@ from husky_runtime import graph
 from husky_runtime.nodes import diagnostics, qos
 from husky_runtime.nodes.executor import executor_of, wake
 from husky_runtime.nodes.message_guard import MessageGuard, Refused
-from husky_runtime.nodes.one_clock import OneClock
+from husky_runtime.nodes.one_clock import OneClock, longest_look
 from husky_runtime.nodes.parameters import declare
 from husky_runtime.nodes.run import run
+from husky_runtime.patient_clock import PatientClock
 
 _PATIENCE = 10.0
 """Wall time in which a node answers with its parameters [s]."""
@@ -62,6 +63,7 @@ class Console(OneClock, Node):
         self._rate = declare(
             self, "rate", 30.0, "drawings in a second of wall time [Hz]", 1.0, 60.0
         )
+        self._patient_clock = PatientClock(longest_look(self))
         self._server = PageServer()
         self._calls = ServiceCalls(self, partial(wake, self), _PATIENCE)
         parameters = RemoteParameters(self, self._calls)
@@ -102,7 +104,8 @@ class Console(OneClock, Node):
         return executor.guard
 
     def _draw(self) -> None:
-        self._page.draw(self.get_clock().now().nanoseconds / 1e9, time.monotonic())
+        now = self.get_clock().now().nanoseconds / 1e9
+        self._page.draw(now, self._patient_clock.read(time.monotonic()))
 
     def _listen(self) -> None:
         """Subscribe to what the page shows; what is latched comes at once."""
@@ -131,9 +134,9 @@ class Console(OneClock, Node):
         try:
             message = decode_shown(topic, data, kind)
             if topic in SOURCES:
-                self._steering.take(topic, message, time.monotonic())
+                self._steering.take(topic, message)
             if topic in page.SOURCES:
-                self._page.take(topic, message, time.monotonic())
+                self._page.take(topic, message, self._patient_clock.read(time.monotonic()))
         except ValueError as error:
             raise Refused(str(error)) from error
 

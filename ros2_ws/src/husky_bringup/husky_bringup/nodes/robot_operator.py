@@ -20,7 +20,9 @@ from husky_msgs.msg import ControllerState, DriveStatusArray, ModeTable
 from husky_msgs.srv import ResetWorld, SetGait, SetMode
 from husky_runtime import graph
 from husky_runtime.nodes import qos
+from husky_runtime.nodes.one_clock import longest_look
 from husky_runtime.nodes.parameters import declare
+from husky_runtime.patient_clock import PatientClock
 
 COMMAND_RATE = 20.0
 """Of velocity commands [Hz]."""
@@ -33,7 +35,8 @@ _NOT_FOLLOWED = 6
 class RobotOperator:
     """Sends velocities, and calls services for everything else; nothing waits for an answer.
 
-    Time here is the operator's, so it is wall time. A service that is not there or refuses is told.
+    Time here is the operator's, so it is wall time, without that in which the node did not run
+    where there is a simulation. A service that is not there or refuses is told.
 
     Attributes:
         drives: what the joints' drives have said last, given by the node; None for nothing yet.
@@ -50,7 +53,8 @@ class RobotOperator:
         self.gaits: Sequence[str] = ()
         self.outcome = Outcome()
         self._state: ControllerState | None = None
-        self._heard = time.monotonic()
+        self._clock = PatientClock(longest_look(node))
+        self._heard = self.now()
         self._stand_up_until = 0.0
         self._standing_up = Outcome()
         self._not_followed = 0
@@ -75,19 +79,23 @@ class RobotOperator:
             Action.CUT: self._cut,
         }
 
-    def hear(self, state: ControllerState, now: float) -> None:
-        """Take a word of the controller at a wall time [s]."""
-        self._state, self._heard = state, now
+    def now(self) -> float:
+        """Return the operator's time [s]; the node's timer reads it again and again."""
+        return self._clock.read(time.monotonic())
 
-    def forget(self, now: float) -> None:
-        """Forget what the robot has said: nobody has listened up to now [s]."""
+    def hear(self, state: ControllerState) -> None:
+        """Take a word of the controller."""
+        self._state, self._heard = state, self.now()
+
+    def forget(self) -> None:
+        """Forget what the robot has said: nobody has listened up to now."""
         self._state = self.drives = None
-        self._heard = now
+        self._heard = self.now()
 
-    def known(self, now: float) -> Known:
-        """Return what is known of the robot at a wall time [s]."""
+    def known(self) -> Known:
+        """Return what is known of the robot."""
         is_simulated = self._reset_world_client.service_is_ready()
-        return Known(self._state, self.drives, self.table, now - self._heard, is_simulated)
+        return Known(self._state, self.drives, self.table, self.now() - self._heard, is_simulated)
 
     def act(self, action: Action) -> None:
         """Do what an operator asks for."""
@@ -105,12 +113,12 @@ class RobotOperator:
         twist.angular.z = velocity.yaw
         self._publisher.publish(twist)
 
-    def go_on(self, now: float) -> None:
-        """Stand up, if that was asked for, as soon as the drives are enabled; now [s]."""
+    def go_on(self) -> None:
+        """Stand up, if that was asked for, as soon as the drives are enabled."""
         if self._stand_up_until and self._operational:
             self._stand_up_until = 0.0
             self.set_mode("stand_up", outcome=self._standing_up)
-        elif self._stand_up_until and now > self._stand_up_until:
+        elif self._stand_up_until and self.now() > self._stand_up_until:
             self._stand_up_until = 0.0
             self._standing_up.refuse("stand up", "stand up: the drives are not enabled")
 
@@ -191,7 +199,7 @@ class RobotOperator:
         if self._operational:
             self.set_mode("stand_up")
         else:
-            self._stand_up_until = time.monotonic() + _ENABLE_PERIOD
+            self._stand_up_until = self.now() + _ENABLE_PERIOD
             self._standing_up = self.outcome
             self.enable()
 

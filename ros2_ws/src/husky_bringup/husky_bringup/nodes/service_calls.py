@@ -14,6 +14,9 @@ import rclpy.task
 from rclpy.client import Client
 from rclpy.node import Node
 
+from husky_runtime.nodes.one_clock import longest_look
+from husky_runtime.patient_clock import PatientClock
+
 
 class CallError(RuntimeError):
     """A service has not answered; says which and why."""
@@ -27,7 +30,7 @@ class _Call:
         name: of the service.
         kind: class of the service.
         request: what is asked.
-        until: wall time at which nobody waits for it any longer [s].
+        until: time of the calls' clock at which nobody waits for it any longer [s].
         answer: for who asks.
         sent: what rclpy answers with, None before it has been sent.
     """
@@ -58,6 +61,7 @@ class ServiceCalls:
         self._node, self._wake = node, wake
         self._patience, self._most = patience, most
         self._lock = threading.Lock()
+        self._clock = PatientClock(longest_look(node))  # under the lock
         self._under_way: list[_Call] = []
         self._clients: dict[tuple[str, Any], Client] = {}
         self._closed = False
@@ -70,8 +74,8 @@ class ServiceCalls:
             kind: class of the service.
             request: what to ask.
         """
-        call = _Call(name, kind, request, time.monotonic() + self._patience)
         with self._lock:
+            call = _Call(name, kind, request, self._now() + self._patience)
             if self._closed:
                 _fail(call, "the node ends")
             elif len(self._under_way) >= self._most:
@@ -97,8 +101,8 @@ class ServiceCalls:
         if not self._under_way:
             return False
         with self._lock:
-            calls = list(self._under_way)
-        over = [call for call in calls if self._is_over(call)]
+            calls, now = list(self._under_way), self._now()
+        over = [call for call in calls if self._is_over(call, now)]
         with self._lock:
             self._under_way = [call for call in self._under_way if call not in over]
         return bool(over)
@@ -112,7 +116,10 @@ class ServiceCalls:
             if not call.answer.done():
                 _fail(call, "the node ends")
 
-    def _is_over(self, call: _Call) -> bool:
+    def _now(self) -> float:
+        return self._clock.read(time.monotonic())
+
+    def _is_over(self, call: _Call, now: float) -> bool:
         if call.answer.done():
             return True
         self.meet(call.name, call.kind)
@@ -120,7 +127,7 @@ class ServiceCalls:
         if call.sent is None and client.service_is_ready():
             call.sent = client.call_async(call.request)
             call.sent.add_done_callback(partial(_settle, call))
-        if time.monotonic() < call.until:
+        if now < call.until:
             return False
         if call.sent is not None:
             client.remove_pending_request(call.sent)

@@ -30,6 +30,7 @@ from husky_msgs.msg import PropulsionState
 from husky_msgs.srv import SetFlightMode
 from husky_runtime import graph
 from husky_runtime.nodes.executor import wake
+from husky_runtime.nodes.one_clock import longest_look
 from husky_runtime.nodes.parameters import declare
 
 SOURCES = (
@@ -65,7 +66,7 @@ class Steering:
         what = "how long a browser's word to move counts, and how late it may come [s]"
         silence = declare(node, "silence", 0.5, what, lower=0.1, upper=2.0)
         self._robot = RobotOperator(node)
-        self._operators = Operators(Rules(limits, layout, silence))
+        self._operators = Operators(Rules(limits, layout, silence, longest_look(node)))
         self._asked: Queue[tuple[Operator, Ask]] = Queue(_WAITING)
         self._stops_asked: dict[Action, Operator] = {}
         self._stops_lock = threading.Lock()
@@ -147,13 +148,13 @@ class Steering:
         else:
             self._robot.outcome.refuse("", f"there is nothing called {ask.what} {ask.value}")
 
-    def take(self, topic: str, message: Any, wall_time: float) -> None:
-        """Take a message of one of `SOURCES`, at a wall time [s]."""
+    def take(self, topic: str, message: Any) -> None:
+        """Take a message of one of `SOURCES`."""
         if topic == graph.MODE_TABLE:
             self._robot.table = message
             self._robot.gaits = list(message.gaits)
         elif topic == graph.CONTROLLER_STATE:
-            self._robot.hear(message, wall_time)
+            self._robot.hear(message)
         elif topic == graph.DRIVES_STATUS:
             self._robot.drives = message
         else:
@@ -162,20 +163,19 @@ class Steering:
     def forget(self) -> None:
         """Nobody has listened to the robot up to now: what is known of it is old."""
         self._fans = None
-        self._robot.forget(time.monotonic())
+        self._robot.forget()
 
     def _turn(self) -> None:
         """Send the velocity that an operator holds; tell all how things stand."""
-        now = time.monotonic()
-        self._robot.go_on(now)
-        command = self._operators.command(now)
+        self._robot.go_on()
+        command = self._operators.command(time.monotonic())
         driver = self._operators.driver
         if command is not None and driver is not None:
             self._robot.outcome = driver.outcome
             self._robot.drive(command)
         told: dict[str, Any] = {}  # who comes next is told no old news
         if len(self._operators):
-            told = tell(self._robot.known(now), self._fans)
+            told = tell(self._robot.known(), self._fans)
         self.server.robot = msgspec.json.encode(told)
 
     def close(self) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import time
 from collections.abc import Sequence
 
 from rclpy.node import Node
@@ -78,11 +77,11 @@ class Teleop(OneClock, Node):
 
     # Inputs ---------------------------------------------------------------------------------
     def _on_joy(self, joy: Joy) -> None:
-        for action in self._joystick.joy(joy.axes, joy.buttons, time.monotonic()):
+        for action in self._joystick.joy(joy.axes, joy.buttons, self._robot.now()):
             self._act(action)
 
     def _on_state(self, state: ControllerState) -> None:
-        self._robot.hear(state, time.monotonic())
+        self._robot.hear(state)
 
     def _on_table(self, table: ModeTable) -> None:
         self._robot.table = table
@@ -91,13 +90,13 @@ class Teleop(OneClock, Node):
         self._robot.drives = drives
 
     def _on_timer(self) -> None:
-        now = time.monotonic()
+        now = self._robot.now()
         if self._terminal is not None:
             for key in split_keys(self._terminal.read()):
                 action = self._keyboard.key(key, now)
                 if action is not None:
                     self._act(action)
-        self._robot.go_on(now)
+        self._robot.go_on()
         command = self._keyboard.command(now)
         if command is None:
             command = self._joystick.command(now)
@@ -105,7 +104,7 @@ class Teleop(OneClock, Node):
             self._robot.drive(command)
         if self._terminal is not None:
             self._show_refusal()
-            self._show(self._robot.known(now), command or Velocity())
+            self._show(self._robot.known(), command or Velocity())
 
     def _act(self, action: Action) -> None:
         self._robot.outcome = Outcome()
@@ -148,7 +147,7 @@ class Teleop(OneClock, Node):
         if self._terminal is not None:
             self._terminal.restore()
             print(flush=True)
-        now = time.monotonic()
+        now = self._robot.now()
         if self._keyboard.command(now) is not None or self._joystick.command(now) is not None:
             self._robot.halt()
 

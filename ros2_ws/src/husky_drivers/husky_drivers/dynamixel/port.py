@@ -7,11 +7,13 @@ cannot be told to be patient with a far side whose clock is not this machine's. 
 
 from __future__ import annotations
 
+import math
 import os
 import select
 import time
 from collections.abc import Callable
 
+from husky_runtime.patient_clock import PatientClock
 from husky_runtime.ports.serial_line import SerialPort, open_serial, read_bytes
 
 _BITS_PER_BYTE = 10
@@ -34,6 +36,7 @@ class DynamixelPort:
         baud: int,
         patience: float,
         open_port: Callable[[str, int], SerialPort] = open_serial,
+        longest_look: float = math.inf,
     ):
         """Prepare; nothing is opened yet.
 
@@ -42,9 +45,11 @@ class DynamixelPort:
             baud: of the bus.
             patience: wall time that an answer may take beyond its bytes' own [s].
             open_port: opens a port at a baud rate, as `open_serial` does, or raises OSError.
+            longest_look: most that the time between two looks at the line counts [s].
         """
         self.path, self._baud, self._patience = path, baud, patience
         self._open_port = open_port
+        self._clock, self._longest_look = PatientClock(longest_look), longest_look
         self._port: SerialPort | None = None
         self._buffer = bytearray()
         self._deadline = 0.0
@@ -103,15 +108,15 @@ class DynamixelPort:
     def setPacketTimeout(self, packet_length: int) -> None:
         """An answer of so many bytes is awaited from now on."""
         line_time = packet_length * _BITS_PER_BYTE / self._baud
-        self._deadline = time.monotonic() + line_time + self._patience
+        self._deadline = self._now() + line_time + self._patience
 
     def setPacketTimeoutMillis(self, msec: float) -> None:
         """An answer is awaited for so long [ms]."""
-        self._deadline = time.monotonic() + 1e-3 * msec
+        self._deadline = self._now() + 1e-3 * msec
 
     def isPacketTimeout(self) -> bool:
         """Return whether the answer does not come any more."""
-        return time.monotonic() >= self._deadline
+        return self._now() >= self._deadline
 
     # Bytes --------------------------------------------------------------------------------------
     def _descriptor(self) -> int:
@@ -130,8 +135,13 @@ class DynamixelPort:
 
     def _wait(self) -> bool:
         """Wait for bytes; return whether some came in time."""
-        left = self._deadline - time.monotonic()
-        return left > 0.0 and self._readable(left)
+        while (left := self._deadline - self._now()) > 0.0:
+            if self._readable(min(left, 0.5 * self._longest_look)):
+                return True
+        return False
+
+    def _now(self) -> float:
+        return self._clock.read(time.monotonic())
 
     def _readable(self, wait: float) -> bool:
         return bool(select.select([self._descriptor()], [], [], wait)[0])

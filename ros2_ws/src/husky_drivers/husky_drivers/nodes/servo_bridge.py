@@ -22,6 +22,7 @@ from husky_drivers.nodes.joint_bridge import JointBridge
 from husky_drivers.nodes.pacer import ClockPacer, Pacer, WorldClockPacer
 from husky_runtime import graph
 from husky_runtime.log_budget import LogBudget
+from husky_runtime.nodes.one_clock import longest_look
 from husky_runtime.nodes.parameters import declare
 from husky_runtime.nodes.presence import default_serial_port
 from husky_runtime.nodes.run import run
@@ -50,7 +51,8 @@ class ServoBridge(JointBridge[ServoMaster]):
             1.0,
         )
         patience = 0.6 * options.grace if options.lockstep else live
-        chain = ServoChain(DynamixelPort(path, servo.baud_rate, patience))
+        port = DynamixelPort(path, servo.baud_rate, patience, longest_look=longest_look(self))
+        chain = ServoChain(port)
         offsets = declare(
             self,
             "homing_offsets",

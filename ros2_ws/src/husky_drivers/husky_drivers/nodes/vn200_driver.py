@@ -20,6 +20,7 @@ from husky_drivers.vn200.session import SessionConfig, SessionState, Vn200Sessio
 from husky_runtime import graph
 from husky_runtime.nodes import diagnostics, qos
 from husky_runtime.nodes.device_node import DeviceNode
+from husky_runtime.nodes.one_clock import longest_look
 from husky_runtime.nodes.parameters import declare, declare_robot
 from husky_runtime.nodes.patched_message import PatchedMessage
 from husky_runtime.nodes.presence import default_serial_port
@@ -75,7 +76,7 @@ class Vn200Driver(DeviceNode[Vn200Link]):
         self._last_report = _Counts()
         publish, world_time = self._publish, self.world_time
         return Vn200Link(
-            self._port, self._config, publish, on_state=self.say, world_time=world_time
+            self._port, self._config, publish, self.say, world_time, longest_look(self)
         )
 
     # In the link's thread -----------------------------------------------------------------------

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from husky_drivers.silence import WorldTime
 from husky_drivers.vn200.imu import Values
 from husky_drivers.vn200.session import SessionConfig, Vn200Session
+from husky_runtime.patient_clock import PatientClock
 from husky_runtime.ports.port_thread import PortThread
 from husky_runtime.ports.serial_line import SerialPort, hung_up, open_serial, read_bytes
 
@@ -35,6 +36,7 @@ class Vn200Link(PortThread[SerialPort]):
         on_sample: Callable[[Values, int], None],
         on_state: Callable[[str], None] = lambda text: None,
         world_time: WorldTime = lambda: None,
+        longest_look: float = math.inf,
     ):
         """Prepare; nothing is opened yet.
 
@@ -45,8 +47,10 @@ class Vn200Link(PortThread[SerialPort]):
                 host's time of its arrival [ns since 1970].
             on_state: called in the link's thread with a sentence when the state changes.
             world_time: of the device; called in the link's thread.
+            longest_look: most that the time between two looks at the line counts [s].
         """
         super().__init__("vn200", _RETRY_PERIOD)
+        self._clock, self._longest_wait = PatientClock(longest_look), 0.5 * longest_look
         self.path = path
         self.session = Vn200Session(config, world_time)
         self._on_sample = on_sample
@@ -71,25 +75,28 @@ class Vn200Link(PortThread[SerialPort]):
         on_sample = self._on_sample
         descriptor = port.fileno()
         poller = self._poller(descriptor)
-        session.start(time.monotonic())
+        session.start(self._now())
         while True:
-            now = time.monotonic()
+            now = self._now()
             if now >= session.deadline:
                 self._talk(port, descriptor, now)
                 if session.reopen_wanted:
                     return False
                 self._tell()
-            wait = max(0, math.ceil(1e3 * (session.deadline - now)))
-            for ready, events in poller.poll(wait):
+            wait = max(0.0, min(session.deadline - now, self._longest_wait))
+            for ready, events in poller.poll(math.ceil(1e3 * wait)):
                 if ready != descriptor:
                     return True
                 if events & select.POLLIN:
                     host_ns = time.time_ns()
                     data = read_bytes(descriptor)
-                    for values in session.feed(data, time.monotonic()):
+                    for values in session.feed(data, self._now()):
                         on_sample(values, host_ns)
                 elif events & _ERROR_EVENTS:
                     raise hung_up()
+
+    def _now(self) -> float:
+        return self._clock.read(time.monotonic())
 
     def _talk(self, port: SerialPort, descriptor: int, now: float) -> None:
         """Send what the session has to say, at its baud rate."""

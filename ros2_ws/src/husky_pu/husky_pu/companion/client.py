@@ -7,10 +7,13 @@ heartbeat, asked for its telemetry at the rates that are wanted, and lost when i
 * in lockstep by the stamps of the companion's own commands (`advance`), because a world that stands
   still has nothing to tell. A standing autopilot is asked for a sign of life once a second of wall
   time, and is lost when it gives none for `grace`.
+
+In simulation, time in which this process did not run is no silence (`PatientClock`).
 """
 
 from __future__ import annotations
 
+import math
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence
@@ -24,6 +27,7 @@ from husky_pu.companion.flight_settings import FlightSettingRule, FlightSettings
 from husky_pu.companion.telemetry import Report, Telemetry
 from husky_pu.mavlink.dialect import ESC_INFO, ESC_STATUS, SetAttitudeTarget
 from husky_pu.mavlink.frames import FrameReader, Message, signing_time
+from husky_runtime.patient_clock import PatientClock
 
 COMPONENT = 191
 """Ours: MAV_COMP_ID_ONBOARD_COMPUTER."""
@@ -53,6 +57,7 @@ class ClientConfig:
         lockstep: whether the autopilot's time is the stamps'.
         signing_key: 32 bytes, empty for no signing.
         rules: what parameters of the autopilot may be, by MAV_AUTOPILOT.
+        longest_look: most that the time between two looks counts as silence [s].
     """
 
     fans: int
@@ -65,6 +70,7 @@ class ClientConfig:
     lockstep: bool = False
     signing_key: bytes = b""
     rules: Mapping[int, Sequence[FlightSettingRule]] = field(default_factory=dict)
+    longest_look: float = math.inf
 
 
 class MavlinkClient:
@@ -106,7 +112,9 @@ class MavlinkClient:
         self._intervals: list[commands.CommandRequest] = []
         self._output = bytearray()
         self._bundles: list[Report] = []
-        self._fed_at = self._heard_at = self._probe_at = 0.0
+        self._fed_at = 0.0
+        self._clock = PatientClock(config.longest_look)
+        self._heard_at = self._probe_at = 0.0  # by that clock
         self._stamp_ns = self._heard_stamp_ns = -1
         self._heartbeat_at = float("-inf")
         self._telling = False  # telemetry flows, not heartbeats alone
@@ -268,7 +276,7 @@ class MavlinkClient:
         boots = self.telemetry.boots
         if self.telemetry.note(message):
             self._bundles.append(self.telemetry.report)
-        self._heard_at, self._heard_stamp_ns = now, self._stamp_ns
+        self._heard_at, self._heard_stamp_ns = self._clock.read(now), self._stamp_ns
         if kind == "COMMAND_ACK":
             self._acknowledged(message, now)
         elif kind in ("PARAM_VALUE", "PARAM_ERROR"):
@@ -288,7 +296,7 @@ class MavlinkClient:
             self.connected = True
             self.connections += 1
             self._codec.srcSystem = self.config.source_system or self.target[0]
-            self._probe_at = now
+            self._probe_at = self._heard_at
         for command in self._intervals:
             command.fail("the autopilot was started again", now)
         self.settings.begin(self.telemetry.autopilot if self.received["HEARTBEAT"] else None)
@@ -315,7 +323,8 @@ class MavlinkClient:
             self._commands.acknowledge(message.command, message.result, now)
 
     def _watch(self, now: float) -> None:
-        silent = now - self._heard_at
+        patient_now = self._clock.read(now)
+        silent = patient_now - self._heard_at
         timeout = self.config.link_timeout if self._telling else _HEARTBEAT_TIMEOUT
         if not self.config.lockstep:
             if silent > timeout:
@@ -326,8 +335,8 @@ class MavlinkClient:
             self._lose(f"silent for {behind:.1f} s of simulated time", now)
         elif silent > self.config.grace:
             self._lose(f"no sign of life for {silent:.1f} s", now)
-        elif silent > _PROBE_PERIOD and now - self._probe_at > _PROBE_PERIOD:
-            self._probe_at = now
+        elif silent > _PROBE_PERIOD and patient_now - self._probe_at > _PROBE_PERIOD:
+            self._probe_at = patient_now
             self.command(
                 commands.REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION, attempts=1
             )

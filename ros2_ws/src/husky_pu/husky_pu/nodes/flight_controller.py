@@ -32,6 +32,7 @@ from husky_runtime.nodes.parameters import declare
 from husky_runtime.nodes.presence import make_peer
 from husky_runtime.nodes.run import run
 from husky_runtime.nodes.tick_clock import TickClock, percentile_ms
+from husky_runtime.patient_clock import PatientClock
 from husky_runtime.stamp_gate import StampGate, Turn
 
 _LOOK_PERIOD = 1e-4
@@ -71,6 +72,7 @@ class FlightController(OneClock, Node):
             graph.CLOCK_LAG_NS,
             replay=not self._lockstep,
         )
+        self._patient_clock = PatientClock()
         self._ticked_at = 0.0
         self._ticks = TickClock(graph.TICK_PERIOD)
         self._command = FanCommand()
@@ -160,15 +162,16 @@ class FlightController(OneClock, Node):
         self._ticks.end()
         self._send()
         self._remember()
-        self._ticked_at = time.monotonic()
+        self._ticked_at = self._patient_clock.read(time.monotonic())
 
     def quiet(self) -> None:
         """Nothing from the plant for 2 ms: look at the ports, and at who is waited for."""
+        now = self._patient_clock.read(time.monotonic())
         if self._pending is not None:
             self._go_on()
             return
         self._poll()
-        if time.monotonic() - self._ticked_at > _STANDSTILL:
+        if now - self._ticked_at > _STANDSTILL:
             self._autopilot.server.release(standstill=True)
         self._send()
         self._remember()
@@ -236,6 +239,7 @@ class FlightController(OneClock, Node):
         vehicle, server = self._autopilot.vehicle, self._autopilot.server
         logic, stream = vehicle.logic, vehicle.stream
         durations = self._ticks.durations()
+        silent = self._patient_clock.read(time.monotonic()) - self._ticked_at
         values = {
             "ticks": self._ticks.ticks,
             "tick_ms_p50": f"{percentile_ms(durations, 50):.3f}",
@@ -269,7 +273,7 @@ class FlightController(OneClock, Node):
             return diagnostics.ERROR, f"{' and '.join(lost)} lost", values
         if self._memory is not None and self._memory.problem:
             return diagnostics.WARN, f"parameters not stored: {self._memory.problem}", values
-        if self._ticks.ticks == 0 or time.monotonic() - self._ticked_at > 1.0:
+        if self._ticks.ticks == 0 or silent > 1.0:
             return diagnostics.WARN, "no sensors", values
         state = f"{'armed' if logic.armed else 'disarmed'}, {logic.mode.value}"
         return diagnostics.OK, state, values

@@ -13,6 +13,7 @@ from husky_pu.companion.bridge import Limits
 from husky_pu.companion.client import ClientConfig
 from husky_pu.companion.flight_settings import rules_of
 from husky_pu.mavlink.frames import read_key
+from husky_runtime.nodes.one_clock import longest_look
 from husky_runtime.nodes.parameters import declare
 
 _DIALOGUE = {
@@ -49,6 +50,7 @@ def declare_config(node: Node, robot: Robot, lockstep: bool) -> ClientConfig:
         lockstep=lockstep,
         signing_key=_load_key(key_file),
         rules=rules_of(robot.battery.cells),
+        longest_look=longest_look(node),
         **given,
     )
 

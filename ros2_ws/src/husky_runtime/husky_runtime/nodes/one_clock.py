@@ -10,6 +10,7 @@ the newest is looked up when somebody asks what time it is.
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import sys
 from collections.abc import Callable
@@ -27,6 +28,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.subscription import Subscription
 from rclpy.time_source import USE_SIM_TIME_NAME
 from rclpy.timer import Timer
+
+from husky_runtime.patient_clock import LONGEST_LOOK
 
 ROSOUT = QoSProfile(
     depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL, lifespan=Duration(seconds=10)
@@ -89,6 +92,14 @@ class OneClock(_Base):  # type: ignore[misc, valid-type]
             options.setdefault("clock", _WALL)
         timer: Timer = super().create_timer(timer_period_sec, callback, *args, **options)
         return timer
+
+
+def longest_look(node: Node) -> float:
+    """Return how much time between two looks a node's watchdogs of wall time count at most [s].
+
+    It is infinite on the robot, where silence is a fault however it came about.
+    """
+    return LONGEST_LOOK if node.get_parameter(USE_SIM_TIME_NAME).value else math.inf
 
 
 class StampedLogger(rcutils_logger.RcutilsLogger):

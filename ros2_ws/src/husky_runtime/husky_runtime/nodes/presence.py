@@ -17,6 +17,7 @@ from rclpy.utilities import get_default_context
 from husky_runtime import domain_locks as occupancy
 from husky_runtime import graph
 from husky_runtime.lockstep import Peer
+from husky_runtime.nodes.one_clock import longest_look
 from husky_runtime.processor_time import processor_time
 
 _NAMESPACE = re.compile(r"((?P<node>\w+):)?__ns:=(?P<namespace>.+)")
@@ -77,4 +78,4 @@ def make_peer(node: Node, name: str, grace: float, start_grace: float | None = 3
         seen = True
         return sum(processor_time(process))
 
-    return Peer(name, grace, start_grace, busy)
+    return Peer(name, grace, start_grace, busy, longest_look(node))

@@ -5,6 +5,7 @@
 const PERIOD = 50; // between two words while something is held [ms]
 const IDLE = 500; // and while nothing is: they tell how long words take [ms]
 const SILENT = 1500; // without a word from the console after which it counts as lost [ms]
+const LOOK = 4 * PERIOD; // that a look at its silence counts at most: a browser may be stopped, too [ms]
 const HOLD = 500; // for which CUT must be held [ms]
 const TURNS = 5; // in as many turns: what happens to the pointer on a busy page is heard between them
 const UNSENT = 2000; // that may wait in the browser; more would arrive too late [bytes]
@@ -14,7 +15,8 @@ const view = find("view");
 const rows = { mode: find("modes"), gait: find("gaits"), action: find("actions") };
 const held = { move: null, turn: null, keys: new Set(), pad: false };
 let meaning = { motion_keys: {}, action_keys: {} };
-let socket, beat = 0, heard = 0, said = 0, wasHeld = true;
+let socket, beat = 0, said = 0, wasHeld = true;
+let heard = false, silence = 0, looked = 0; // whether the console has spoken; since its last word, at the last look [ms]
 let robot = {}, told = {}; // the last words on the robot, and on this operator
 let unsent = null; // refusal of what could not be sent, until something can
 
@@ -24,7 +26,8 @@ function connect() {
   socket.onmessage = (event) => take(JSON.parse(event.data));
   socket.onopen = () => { wasHeld = true; };
   socket.onclose = (event) => {
-    beat = heard = 0;
+    beat = 0;
+    heard = false;
     lose(event.reason || "no connection to the robot");
     setTimeout(connect, 1000);
   };
@@ -62,7 +65,8 @@ function take(message) {
     return;
   }
   beat = message.beat;
-  heard = performance.now();
+  heard = true;
+  silence = 0;
   document.body.classList.remove("lost");
   told = message;
   const drives = { you: "you drive", another: "somebody else drives" }[told.driver] || "nobody drives";
@@ -249,7 +253,9 @@ function gamepad() {
 }
 
 setInterval(() => {
-  if (heard && performance.now() - heard > SILENT) lose("the robot does not answer");
+  silence += Math.min(performance.now() - looked, LOOK);
+  looked = performance.now();
+  if (heard && silence > SILENT) lose("the robot does not answer");
   const { move, turn, keys } = held;
   const pad = gamepad();
   held.pad = Boolean(pad);
