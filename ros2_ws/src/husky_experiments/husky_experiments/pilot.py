@@ -1,7 +1,8 @@
 """A person with a radio: sees the propulsion unit from beside it and moves two sticks.
 
 The hands are what a plain closed loop makes of the place and the speed that are seen, a few times a
-second and no faster than a hand moves. Nothing of the autopilot's own estimate is used.
+second and no faster than a hand moves. `Sight` is the ground truth (`radio_flight`): a person sees
+it. Nothing of the autopilot's own estimate is used.
 """
 
 from __future__ import annotations
