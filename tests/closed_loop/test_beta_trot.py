@@ -30,14 +30,14 @@ def test_stands_where_it_shall_and_sits_down_again():
 
 
 @pytest.mark.parametrize(
-    ("mode", "contact", "aside"),
+    ("mode", "contact", "aside", "strained"),
     [
-        ("walk", "stiff", 0.1),
-        ("walk", "thesis_model", 0.1),
-        ("position_trot", "thesis_results", 0.2),  # it does not feel where it goes
+        ("walk", "stiff", 0.1, 0.02),
+        ("walk", "thesis_model", 0.1, 0.02),
+        ("position_trot", "thesis_results", 0.2, 0.6),  # it does not feel where it goes
     ],
 )
-def test_trots_at_its_speed_and_level(mode, contact, aside):
+def test_trots_at_its_speed_and_level(mode, contact, aside, strained):
     robot = ServoRobot(options=WorldOptions(seed=1, contact=contact))
     robot.stand()
     accepted, message = robot.controller.request_mode(mode)
@@ -52,7 +52,7 @@ def test_trots_at_its_speed_and_level(mode, contact, aside):
     assert way[0] / 3.0 == pytest.approx(0.4, rel=0.15)
     assert abs(way[1]) < aside
     assert max(tilts) < 4.0
-    assert robot.peak_torque.max() <= ROBOT.bus_servo.torque_limit
+    assert robot.time_at_limit.max() < strained  # more than twice what was measured
     robot.controller.request_mode("stand")
     robot.run(2.0)
     assert robot.controller.mode.value == "stand"
