@@ -22,7 +22,12 @@ if TYPE_CHECKING:
     from husky_description.robot import Robot
 
 _REHEARSAL = (
-    ("stand_up", 1000), ("walk", 200), ("stand", 500), ("wair", 20), ("stand", 20), ("sit", 20)
+    ("stand_up", 1000),
+    ("walk", 200),
+    ("stand", 500),
+    ("wair", 20),
+    ("stand", 20),
+    ("sit", 20),
 )  # modes and ticks in each, before the first real tick
 
 
