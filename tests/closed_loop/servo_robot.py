@@ -33,6 +33,7 @@ class ServoRobot:
         measurements: what it gets.
         model, data: the simulated world.
         peak_torque: greatest of each joint so far [N m] (12,).
+        time_at_limit: of each joint so far, above 0.98 of the servos' torque limit [s] (12,).
     """
 
     def __init__(
@@ -60,7 +61,7 @@ class ServoRobot:
         self._ticks = 0
         self._goal = np.zeros((3, 12))
         self._gains = (0.0, 0.0)
-        self.peak_torque = np.zeros(12)
+        self.peak_torque, self.time_at_limit = np.zeros((2, 12))
         self._read()
         self._feel()
 
@@ -127,7 +128,9 @@ class ServoRobot:
         np.maximum(torque, np.maximum(-most - generated, -limit), out=torque)
         np.minimum(torque, np.minimum(most - generated, limit), out=torque)
         self.data.ctrl[:] = torque
-        np.maximum(self.peak_torque, np.abs(torque), out=self.peak_torque)
+        size = np.abs(torque)
+        np.maximum(self.peak_torque, size, out=self.peak_torque)
+        self.time_at_limit += (size > 0.98 * limit) * self.model.opt.timestep
 
     def run(self, duration: float, velocity: tuple[float, float, float] | None = None) -> None:
         """Advance by a duration [s], with a velocity command (m/s, m/s, rad/s) every 0.2 s."""

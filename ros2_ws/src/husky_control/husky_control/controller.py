@@ -22,7 +22,12 @@ if TYPE_CHECKING:
     from husky_description.robot import Robot
 
 _REHEARSAL = (
-    ("stand_up", 1000), ("walk", 200), ("stand", 500), ("wair", 20), ("stand", 20), ("sit", 20)
+    ("stand_up", 1000),
+    ("walk", 200),
+    ("stand", 500),
+    ("wair", 20),
+    ("stand", 20),
+    ("sit", 20),
 )  # modes and ticks in each, before the first real tick
 
 
@@ -91,6 +96,7 @@ class Controller:
         if name in ("stand", "stand_up"):
             self.watch.hold()
         answer = self.present.answer(name) or self._change(name, f"{name} requested")
+        self.watch.leads = self.watch.leads and not answer[0]
         self.counters.refused_requests += not answer[0]
         return answer
 
@@ -121,10 +127,11 @@ class Controller:
     def set_velocity_command(self, vx: float, vy: float, yaw_rate: float) -> tuple[bool, str]:
         """Set the velocity command, m/s and rad/s in the base's heading frame.
 
-        A command that is not finite or out of range is refused whole; the last one stays. Where
-        `watch` allows it a command that is not zero sets a standing robot in motion.
+        A command that is not finite or out of range is refused whole; the last one stays. In modes
+        that walk one below `command.zero_speed` and `command.zero_yaw_rate` is zero. Where `watch`
+        allows it a command that is not zero sets a standing robot in motion, and zero ends that.
         """
-        velocity = vx, vy, yaw_rate
+        velocity = self.present.without_creep((vx, vy, yaw_rate))
         refusal = self.present.refuse_velocity(velocity)
         if refusal:
             self.counters.refused_velocity_commands += 1
@@ -134,6 +141,7 @@ class Controller:
             accepted, message = self._change(self.present.wakes_to, "velocity command")
             if not accepted:
                 return False, message
+            self.watch.leads = True
         stays = self.present.drive(velocity, wakes=wakes)
         return not stays, stays
 
@@ -204,7 +212,9 @@ class Controller:
         wish = before.leave(row.event)
         self.present.enter(row.event)
         if wish:
+            leads = self.watch.leads
             self.request_mode(wish)
+            self.watch.leads = leads
 
 
 def rehearse(robot: Robot) -> None:

@@ -38,6 +38,8 @@ _GAINS: dict[str, Parameter] = {
     "command.yaw_acceleration": _P(3.0, 0.1, 10.0, "rad/s^2", "Ramp of the yaw rate command"),
     "command.max_yaw_rate": _P(0.8, 0.0, 2.0, "rad/s", "Largest yaw rate command accepted"),
     "command.max_lateral_speed": _P(0.3, 0.0, 1.0, "m/s", "Largest sideways speed accepted"),
+    "command.zero_speed": _P(0.01, 0.0, 0.1, "m/s", "A velocity command slower than this, over ground, and than command.zero_yaw_rate counts as zero"),
+    "command.zero_yaw_rate": _P(0.01, 0.0, 0.1, "rad/s", "A velocity command that turns slower than this, and is below command.zero_speed, counts as zero"),
     "command.timeout": _P(0.5, 0.1, 5.0, "s", "A velocity command older than this stops walking"),
     "walk.position_gain": _P(0.8, 0.0, 2.0, "1/s", "Position error into the desired velocity (the integral of the velocity error)"),
     "walk.position_leash": _P(0.15, 0.0, 0.5, "m", "Most position error that is remembered"),
@@ -170,7 +172,7 @@ _DIMENSIONS: dict[str, tuple[float, float]] = {
 # fmt: on
 """Powers of length and mass with which a unit goes among similar robots, times with the root of
 lengths, because gravity is the same for all (Froude)."""
-_SAME_FOR_ALL = ("estimator.", "safety.", "command.timeout")
+_SAME_FOR_ALL = ("estimator.", "safety.", "command.timeout", "command.zero_")
 """What does not go with the robot's size: of sensors, limits and operators."""
 
 

@@ -21,15 +21,18 @@ ROBOT = load_robot()
 class Bench:
     """A controller whose joints are where it wants them, with the torque that it asks for."""
 
-    def __init__(self, **arguments):
-        soon = Parameters({"stand.duration": 0.8, "stand.joint_speed": 5.0})
-        self.controller = Controller(ROBOT, soon, warm_up=False, **arguments)
+    def __init__(self, robot=ROBOT, **arguments):
+        soon = Parameters.of(robot, {"stand.duration": 0.82, "stand.joint_speed": 4.9})
+        self.controller = Controller(robot, soon, warm_up=False, **arguments)
         self.m = Measurements(drives_operational=True)
-        self.m.joint_position[:] = ROBOT.sit_joint_position
+        self.m.joint_position[:] = robot.sit_joint_position
         self.run(TICK)
 
-    def run(self, seconds):
-        for _ in range(round(seconds / TICK)):
+    def run(self, seconds, velocity=None):
+        """Go on for a while, a velocity command at every tenth of a second."""
+        for index in range(round(seconds / TICK)):
+            if velocity is not None and index % 50 == 0:
+                assert self.controller.set_velocity_command(*velocity) == (True, "")
             self.m.time += TICK
             self.m.pose.stamp = self.m.time
             command = self.controller.tick(self.m)
@@ -292,6 +295,41 @@ def test_a_velocity_command_out_of_range_is_refused_whole_and_the_last_one_stays
     assert controller.counters.refused_velocity_commands == 3
     standing.run(0.3)
     np.testing.assert_allclose(controller.walking.reference.ramped, (0.2, 0.0, 0.1))
+
+
+CREEPS = [(1e-9, 0.0, 0.0), (0.0, 0.0, -1e-9), (0.006, -0.007, 0.0), (0.0, 0.009, 0.009)]
+
+
+@pytest.mark.parametrize("name", ["carbon", "beta"])
+def test_a_command_in_the_band_of_zero_is_zero(name):
+    """It does not set a standing robot in motion, and one in motion stands again."""
+    robot = Bench(load_robot(name)).ask("stand_up")
+    controller = robot.run(1.3)
+    controller.watch.wakes = True
+    for creep in CREEPS:
+        assert robot.run(0.1, creep).mode is Mode.STAND
+    for start in ((0.011, 0.0, 0.0), (0.0, 0.0, -0.011)):
+        assert robot.run(0.3, start).mode is Mode.WALK
+        assert controller.present.ramped_velocity == pytest.approx(start)
+        assert robot.run(1.6, CREEPS[0]).mode is Mode.STAND
+        assert controller.counters.command_timeouts == 0
+    controller.parameters.set_all({"command.zero_speed": 0.0, "command.zero_yaw_rate": 0.0})
+    assert robot.run(0.1, CREEPS[0]).mode is Mode.WALK
+
+
+@pytest.mark.parametrize(
+    ("name", "mode"), [("carbon", "walk"), ("carbon", "wair"), ("beta", "position_trot")]
+)
+def test_in_a_mode_that_was_asked_for_the_band_is_zero_too(name, mode):
+    """To the bit: feet step in place where they do at zero, and stay where they stay at zero."""
+    ways = []
+    for command in ((0.0, 0.0, 0.0), CREEPS[2]):
+        robot = Bench(load_robot(name)).ask("stand_up")
+        robot.run(1.3)
+        robot.ask(mode).run(0.2, (0.1, 0.0, 0.0))
+        assert robot.run(0.8, command).mode.value == mode
+        ways.append(robot.m.joint_position.tobytes())
+    assert ways[0] == ways[1]
 
 
 def test_commands_are_within_the_limits_of_the_joints_whatever_was_measured():

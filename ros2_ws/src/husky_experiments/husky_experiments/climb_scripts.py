@@ -1,4 +1,7 @@
-"""How the robot climbs a course, step by step."""
+"""Passages of a climb, led by the robot's own estimate of where it is; the course is given.
+
+The ground truth only ends a passage whose robot has fallen.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,7 @@ import numpy as np
 from husky_description.arrays import Array
 from husky_experiments.incline_course import CLEAR, Course
 from husky_experiments.scripts import ready_fans, stand_up
-from husky_experiments.session import Session
+from husky_experiments.session import Session, SessionError
 
 _LOW = 0.4
 """Share of its height over the feet below which a climbing robot has fallen."""
@@ -18,8 +21,26 @@ _CHECK = 0.2
 
 
 def place(session: Session) -> Array:
-    """Return the true position of the base in world [m] (3,)."""
-    assert session.truth is not None
+    """Return where the robot believes its base to be, in its odometry frame [m] (3,).
+
+    That frame begins where the course does.
+
+    Raises:
+        SessionError: the controller does not report it.
+    """
+    if session.state is None:
+        raise SessionError("the controller does not tell where it is")
+    return np.array(session.state.position, dtype=np.float64)
+
+
+def true_place(session: Session) -> Array:
+    """Return the true position of the base in world [m] (3,).
+
+    Raises:
+        SessionError: the plant does not report it.
+    """
+    if session.truth is None:
+        raise SessionError("the plant does not tell where the robot is")
     at = session.truth.pose.pose.position
     return np.array([at.x, at.y, at.z])
 
@@ -30,7 +51,7 @@ def has_fallen(session: Session, course: Course, stand_height: float = 0.5) -> b
     if state is None or session.truth is None:
         return False
     stopped = state.mode in ("damping", "emergency_stop", "passive")
-    return stopped or course.height(place(session)) < _LOW * stand_height
+    return stopped or course.height(true_place(session)) < _LOW * stand_height
 
 
 def get_ready(session: Session, *, fans: bool = True) -> None:
@@ -53,8 +74,8 @@ def go(session: Session, course: Course, duration: float, speed: float) -> bool:
 
 
 def go_to(session: Session, course: Course, along: float, speed: float, within: float) -> bool:
-    """Walk at a speed [m/s], negative backwards, until the base is so far up the straight part [m],
-    negative before it; return whether it got there within a time [s].
+    """Walk at a speed [m/s], negative backwards, until the base by its own estimate is so far up
+    the straight part [m], negative before it; return whether it got there within a time [s].
     """
     end = session.time + within
     while (course.along(place(session)) - along) * math.copysign(1.0, speed) < 0.0:

@@ -1,7 +1,8 @@
 """A person with a radio: sees the propulsion unit from beside it and moves two sticks.
 
 The hands are what a plain closed loop makes of the place and the speed that are seen, a few times a
-second and no faster than a hand moves. Nothing of the autopilot's own estimate is used.
+second and no faster than a hand moves. `Sight` is the ground truth (`radio_flight`): a person sees
+it. Nothing of the autopilot's own estimate is used.
 """
 
 from __future__ import annotations
@@ -28,6 +29,10 @@ _THUMB = 0.2
 """How fast the throttle is moved, in full travels [1/s]."""
 _STIFFNESS, _DAMPING = 0.8, 1.8
 """Acceleration that is wanted for a distance [1/s^2] and a speed [1/s] along the ground."""
+_TRIMMING = 0.12
+"""Growth of the acceleration that holds against an autopilot whose level is wrong [1/s^3]."""
+_TRIM_TILT = math.radians(2.5)
+"""Largest tilt of that trim [rad]."""
 _CAUTION = math.radians(6.0)
 """Largest tilt that is used to stay at a place [rad]."""
 _RISE, _BRAKE, _TRIM = 0.10, 0.09, 0.05
@@ -77,33 +82,47 @@ class Pilot:
         self.throttle = self.roll = self.pitch = self.yaw = 0.0
         self._hover = hover
         self._trim = 0.0
+        self._lean_trim = np.zeros(2)  # acceleration in world [m/s^2]
 
     def move(self, sight: Sight, wish: Wish, dt: float) -> None:
         """Look, and move the sticks as is wished until the next look, dt [s] later."""
-        roll, pitch = self._lean(sight)
-        roll = roll if wish.roll is None else wish.roll
-        pitch = pitch if wish.pitch is None else wish.pitch
+        if wish.roll is None and wish.pitch is None and self._flies:
+            self._trim_lean(sight, dt)
+        stay, trim = self._lean(sight), _tilts(self._lean_trim, sight.yaw)
+        roll, pitch = (
+            trimmed + (near if wanted is None else wanted)
+            for trimmed, near, wanted in zip(trim, stay, (wish.roll, wish.pitch), strict=True)
+        )
         throttle = self._lift(sight, dt) if wish.throttle is None else wish.throttle
         self.roll = _towards(self.roll, -roll / FULL_TILT, _HAND * dt)
         self.pitch = _towards(self.pitch, pitch / FULL_TILT, _HAND * dt)
         self.yaw = _towards(self.yaw, wish.yaw_rate / FULL_YAW_RATE, _HAND * dt)
         self.throttle = max(0.0, _towards(self.throttle, throttle, _THUMB * dt))
 
+    @property
+    def _flies(self) -> bool:
+        """Whether the throttle is near the one that carries the unit."""
+        return self.throttle > 0.5 * self._hover
+
     def _lean(self, sight: Sight) -> tuple[float, float]:
         """Return roll and pitch [rad] that bring the unit to its place."""
         wanted = _STIFFNESS * (self.place - sight.position) - _DAMPING * sight.velocity
-        cos, sin = math.cos(sight.yaw), math.sin(sight.yaw)
-        forward = cos * wanted[0] + sin * wanted[1]
-        left = cos * wanted[1] - sin * wanted[0]
-        # Nose down (REP-103: positive) goes forward, right side down (positive) goes right.
-        roll, pitch = (math.atan2(a, GRAVITY) for a in (-left, forward))
+        roll, pitch = _tilts(wanted[:2], sight.yaw)
         limit = _CAUTION
         return max(-limit, min(limit, roll)), max(-limit, min(limit, pitch))
+
+    def _trim_lean(self, sight: Sight, dt: float) -> None:
+        """Trim the sticks against what carries the unit off while it is to stay where it is."""
+        error = (self.place - sight.position)[:2]
+        away = float(np.linalg.norm(error))
+        trim = self._lean_trim + _TRIMMING * dt * error * min(1.0, _REACH / max(away, 1e-9))
+        size, most = float(np.linalg.norm(trim)), GRAVITY * math.tan(_TRIM_TILT)
+        self._lean_trim = trim * min(1.0, most / max(size, 1e-9))
 
     def _lift(self, sight: Sight, dt: float) -> float:
         """Return the throttle that brings the unit to its height."""
         error = max(-_REACH, min(_REACH, float(self.place[2] - sight.position[2])))
-        if self.throttle > 0.5 * self._hover:
+        if self._flies:
             self._trim += _TRIM * error * dt
             self._trim = max(-_TRIM_LIMIT, min(_TRIM_LIMIT, self._trim))
         return self._hover + self._trim + _RISE * error - _BRAKE * float(sight.velocity[2])
@@ -116,6 +135,15 @@ class Pilot:
         axes[_LAYOUT.yaw] = self.yaw
         buttons[_LAYOUT.arm] = int(self.armed)
         return axes, buttons
+
+
+def _tilts(acceleration: Array, yaw: float) -> tuple[float, float]:
+    """Return roll and pitch [rad] that give an acceleration in world [m/s^2] (2,) at a heading."""
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    forward = cos * acceleration[0] + sin * acceleration[1]
+    left = cos * acceleration[1] - sin * acceleration[0]
+    # Nose down (REP-103: positive) goes forward, right side down (positive) goes right.
+    return math.atan2(-left, GRAVITY), math.atan2(forward, GRAVITY)
 
 
 def _towards(value: float, goal: float, step: float) -> float:

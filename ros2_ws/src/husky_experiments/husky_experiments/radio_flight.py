@@ -1,4 +1,8 @@
-"""What an operator flies by radio: sees, moves the sticks of `Pilot`, lets time pass."""
+"""A flight by radio: look at the unit, move the sticks of `Pilot`, let time pass.
+
+The operator stands for a person beside the gantry who sees the unit. So what is seen is the ground
+truth: place, velocity and heading of the unit, and whether a rope is taut.
+"""
 
 from __future__ import annotations
 
@@ -57,7 +61,7 @@ class Flight:
         self.pilot = pilot
 
     def see(self) -> Sight:
-        """Look at the unit."""
+        """Return place, velocity and heading of the unit in truth, as a person sees them."""
         odometry = self._session.truth
         if odometry is None:
             return Sight(self.pilot.place, np.zeros(3), 0.0)
@@ -95,5 +99,5 @@ class Flight:
             self.passages[name] = (start, self._session.time)
 
     def rope_taut(self) -> bool:
-        """Return whether a rope is seen to be taut."""
+        """Return whether a rope is taut in truth, as a person sees it."""
         return self._session.fans is not None and any(self._session.fans.rope_taut)

@@ -1,6 +1,7 @@
-"""How a robot is led to a goal: by velocity commands, and by its own estimate alone.
+"""Lead a robot to a goal by velocity commands and by its own estimate.
 
-The odometry frame begins where the robot starts, its x axis along the nose.
+The goal is given in the odometry frame: nothing of the course is seen. The frame begins where the
+robot starts, its x axis along the nose.
 """
 
 from __future__ import annotations

@@ -23,7 +23,7 @@ LEVEL_ARMS = np.array(flight_posture(BETA))
 UNDERSIDE = float(BETA.perch.size[2] / 2.0 - BETA.perch.position[2])
 ASKED, OFF, OPEN, LAND, TOUCH, END = 1.0, 3.0, 3.4, 5.0, 6.0, 7.0
 """Of the made-up leap: request, feet off, arms level, landing asked for, perch down, end [s]."""
-SPEED, LEAN = 0.5, 0.03
+SPEED, LEAN, HIP_SPEED = 0.5, 0.03, 4.0
 
 
 def test_the_rate_is_that_of_the_first_way_to_an_arm() -> None:
@@ -75,7 +75,9 @@ def leap_content(messages: Any) -> Iterable[tuple[str, bytes]]:
         joints = stand + share * (LEVEL_ARMS - stand)
         torque = np.zeros(12)
         torque[4] = -8.0 * (abs(time - OFF) < 0.05)
-        yield graph.JOINT_STATES, messages.joint_states(time_ns, joints, np.zeros(12), torque)
+        speed = np.zeros(12)
+        speed[3] = -HIP_SPEED if OFF < time < OPEN else 9.0 * (time < OFF)
+        yield graph.JOINT_STATES, messages.joint_states(time_ns, joints, speed, torque)
 
 
 def test_a_leap_is_measured_as_it_was_made(tmp_path: Path, write_bag: Any, messages: Any) -> None:
@@ -87,6 +89,7 @@ def test_a_leap_is_measured_as_it_was_made(tmp_path: Path, write_bag: Any, messa
     opening = (OPEN - OFF) * (1.0 - ARMS / (math.pi / 2.0))
     assert leap.opening == pytest.approx(opening, abs=0.05)
     assert leap.rate == pytest.approx((leap.leaning - ARMS) / leap.opening)
+    assert leap.hip_speed == pytest.approx(HIP_SPEED)  # not what they do before
     assert leap.lowest == pytest.approx(0.2, abs=0.01)
     assert leap.tilt == pytest.approx(0.05, abs=1e-6)
     assert leap.astray == leap.landed == pytest.approx(0.1, abs=1e-3)

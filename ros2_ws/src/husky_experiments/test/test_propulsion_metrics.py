@@ -83,6 +83,11 @@ def test_battery_by_its_resistance(recording: Recording, unit_flight: Any) -> No
     result = propulsion_metrics.battery_summary(recording, ROBOT, before, after)
     rise = unit_flight.current_flying - unit_flight.current_idle
     assert result["current_rise_a"] == pytest.approx(rise)
+    # Momentum theory of four ducts, rho A v^2 each: a jet's power is T^1.5 / (2 sqrt(rho A)).
+    fans, thrust = ROBOT.fans, recording.fans.between(*after).thrust.mean(axis=0)
+    jets = np.sum(thrust**1.5) / (2.0 * np.sqrt(fans.air_density * fans.flow_area))
+    least = jets / result["voltage_after_v"]
+    assert result["current_rise_least_a"] == pytest.approx(least, rel=1e-3)
     assert result["resistance_mohm"] == pytest.approx(12.0)
     # the curve's slope is 5.4 V over the charge; the middles of the two spans are 5.05 s apart
     lost = 5.4 * -unit_flight.charge_rate * 5.05

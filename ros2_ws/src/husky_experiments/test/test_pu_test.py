@@ -91,7 +91,7 @@ class Bench:
 
 @pytest.fixture(scope="module")
 def flown() -> tuple[Bench, Flight]:
-    bench = Bench()
+    bench = Bench(seed=9)  # of which the autopilot's level is 1.2 deg wrong: it needs trim
     flight = Flight(bench, Pilot(weight_share(ROBOT)))
     pu_test.fly_script(flight, hold=4.0)
     return bench, flight
@@ -143,4 +143,4 @@ def test_steps_come_back_to_where_they_began() -> None:
     assert speed[-1] == pytest.approx(0.0, abs=1e-9)
     # the sum of the speeds is off by half a sample of the largest
     assert np.sum(speed) * dt == pytest.approx(0.0, abs=dt * np.abs(speed).max())
-    assert np.abs(tilt).max() == pytest.approx(np.radians(5.0))
+    assert np.abs(tilt).max() == pytest.approx(np.radians(3.5))

@@ -2,8 +2,9 @@
 
 A plan is one cycle on one slope at one speed; the ground under the feet bends, and the operator
 changes the speed. So the controller walks event by event (T13) and keeps of the plan what holds for
-every cycle on that slope: where the feet stand relative to the body, how the body leans, and the
-thrust. Away from the plan's slope it fades into the statics of `statics`.
+every cycle on that slope: where the feet stand relative to the body, and what lies beyond the
+statics of the thrust (vectored) or of the body's pitch (fixed fans). Away from the plan's slope it
+fades into the statics of `statics`.
 """
 
 from __future__ import annotations

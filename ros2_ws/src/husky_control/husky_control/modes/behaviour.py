@@ -113,6 +113,12 @@ class Behaviour:
         self.context.gait = name
         return True, name
 
+    def without_creep(self, velocity: Velocity) -> Velocity:
+        """Return a velocity command, zero in place of one too slow to step for."""
+        p, (vx, vy, yaw_rate) = self.context.parameters, velocity
+        slow = math.hypot(vx, vy) < p["command.zero_speed"]
+        return (0.0, 0.0, 0.0) if slow and abs(yaw_rate) < p["command.zero_yaw_rate"] else velocity
+
     def refuse_velocity(self, velocity: Velocity) -> str:
         """Return why a velocity command is out of range, "" if it is not."""
         p = self.context.parameters

@@ -13,6 +13,7 @@ class CommandWatch:
         wakes: whether a command may wake a standing robot at all.
         silent_ticks: since the last command.
         silent: for longer than a command may be; nobody has commanded anything at first.
+        leads: a command has set the robot in motion, nobody has asked for the mode: zero ends it.
     """
 
     def __init__(self) -> None:
@@ -20,6 +21,7 @@ class CommandWatch:
         self.wakes = False
         self.silent_ticks = 0
         self.silent = True
+        self.leads = False
         self._rested = True
 
     def hear(self, moving: bool, stands: bool) -> bool:

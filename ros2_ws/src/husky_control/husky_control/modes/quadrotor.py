@@ -114,6 +114,10 @@ class Quadrotor(Fly):
         self._arms.move(command)
         return happening
 
+    def without_creep(self, velocity: Velocity) -> Velocity:
+        """Return the command as it is: a flight goes as slowly as it is told."""
+        return velocity
+
     def refuse_velocity(self, velocity: Velocity) -> str:
         """Return why a velocity command is out of range, "" if it is not."""
         p = self.context.parameters

@@ -12,8 +12,6 @@ from husky_control.tick_data import TICK, JointCommand
 
 LIGHTEST = 0.4
 """Share of the weight on the feet, down to which contact thresholds shrink with it."""
-REST_TIME = 0.5
-"""Time at zero command after which the feet of a climbing robot stay down [s]."""
 
 
 class Wair(Walk):
@@ -25,7 +23,6 @@ class Wair(Walk):
         """Level."""
         super().__init__(name, context)
         self._leaving = False
-        self._rest = 0.0
 
     def enter(self, event: Event) -> None:
         """Start on level ground, all feet down."""
@@ -54,8 +51,7 @@ class Wair(Walk):
             TICK,
         )
         walking.stand_on(climbing.ground(walking.height))
-        self._rest = 0.0 if walking.reference.command.any() else self._rest + TICK
-        rested = self._rest > REST_TIME and walking.reference.at_rest
+        rested = self.rested()
         if walking.stepping and (rested or c.watch.silent):
             walking.stop_stepping()
         body.turn_ground(climbing.plane)

@@ -8,10 +8,13 @@ from numpy.typing import NDArray
 from husky_control.modes.behaviour import Event, Happening, Velocity
 from husky_control.modes.context import ModeContext
 from husky_control.modes.stand import Stand
-from husky_control.tick_data import JointCommand
+from husky_control.tick_data import TICK, JointCommand
 from husky_description.arrays import Array
 
 Mask = NDArray[np.bool_]
+
+REST_TIME = 0.5
+"""Time at zero command after which the feet stay down, where zero ends the steps [s]."""
 
 
 class Walk(Stand):
@@ -24,11 +27,13 @@ class Walk(Stand):
         """No other gait is waiting."""
         super().__init__(name, context)
         self._next_gait = ""
+        self._rest = 0.0
 
     def enter(self, event: Event) -> None:
         """Let the feet lift off."""
         c = self.context
         c.watch.begin()
+        self._rest = 0.0
         c.walking.start_stepping(c.parameters.gait(c.gait), c.body.estimator.position)
 
     def leave(self, event: Event) -> str:
@@ -40,9 +45,18 @@ class Walk(Stand):
         return self.name
 
     def tick(self, command: JointCommand) -> Happening | None:
-        """Step."""
+        """Step; at zero only if somebody has asked for this mode."""
+        if self.context.watch.leads and self.rested() and self.context.walking.stepping:
+            self.context.walking.stop_stepping()
+            self.context.reason = "velocity command zero"
         super().tick(command)
         return (Event.DONE, "feet down") if self.stopped else None
+
+    def rested(self) -> bool:
+        """Count a tick; return whether the command has been zero for `REST_TIME`, speed ramped."""
+        reference = self.context.walking.reference
+        self._rest = 0.0 if reference.command.any() else self._rest + TICK
+        return self._rest > REST_TIME and reference.at_rest
 
     def answer(self, request: str) -> tuple[bool, str] | None:
         """Stop, when asked to stand."""

@@ -60,7 +60,8 @@ def declare_options(node: Node) -> ControllerOptions:
         node,
         WAKE,
         False,
-        "a velocity command that is not zero sets a standing robot in motion",
+        "a velocity command that is not zero sets a standing robot in motion, "
+        "and 0.5 s of zero stops it",
         read_only=False,
     )
     weight = {} if payload < 0.0 else {"payload_mass": payload}

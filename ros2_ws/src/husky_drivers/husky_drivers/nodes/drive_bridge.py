@@ -29,7 +29,7 @@ _MAILBOX_EVERY = 5
 
 
 class DriveBridge(JointBridge[Master]):
-    """Bridge of an EtherCAT segment: a frame each cycle, the mailbox now and then."""
+    """Bridge of an EtherCAT segment: process data each cycle, the mailbox now and then."""
 
     def __init__(self) -> None:
         """Declare parameters, bring the bus up, serve."""

@@ -60,7 +60,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(run: Run) -> None:
-    """The whole way on its own estimate, no fall; morphs in 6 s; where it lands, time, energy."""
+    """The whole given way by its own estimate, no fall; morphs in 6 s; landing, time, energy."""
     options, robot = run.options, load_robot("beta")
     course = GapCourse(width=options.gap, step=options.step)
     settings = beta_settings(options.seed, plant=course.plant())

@@ -122,6 +122,8 @@ def run(run: Run) -> None:
         run.metrics["worst_tilt_deg"] = tilt
         run.require("falls_before", int(not stands), upper=0)
         run.require("tumbles", int(tilt > _TUMBLE), upper=0)
+        if options.lose == "fan":
+            run.require("walked_down", int(run.metrics.get("walked_down", False)), lower=1)
     else:
         judge(run, course, falls=int(not (stands and came_back)))
     run.illustrate()

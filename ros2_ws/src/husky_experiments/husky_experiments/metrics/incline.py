@@ -25,7 +25,8 @@ def climb_summary(
 
     Speeds are along the slope, loads and slip relative to it; attitude is the body's relative to
     the slope. `inside_cone` is the share of stance samples whose tangential over normal force is
-    below 0.98 of the friction coefficient (T16, T33).
+    below 0.98 of the friction coefficient (T16, T33). `estimate_along_error_m` is the greatest
+    error up the slope of the estimate by which the robot is led.
     """
     base = recording.base.between(start, end)
     if len(base) < 2:
@@ -46,6 +47,10 @@ def climb_summary(
         result[f"torque_at_limit_{group}"] = measures.share_above(
             values, 0.98 * float(robot.joint_torque_limit.max())
         )
+    if recording.has(graph.ODOMETRY):
+        estimate = recording.estimate.between(start, end)
+        error = measures.estimate_error(recording.base, estimate).position
+        result["estimate_along_error_m"] = peak(error @ course.uphill)
     if recording.has(graph.FAN_STATE):
         result |= _thrust(recording, course, start, end)
     return result

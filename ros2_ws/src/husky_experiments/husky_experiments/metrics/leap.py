@@ -31,6 +31,7 @@ class Leap:
     leaning: float  # greatest tilt of a propeller's axis from up, at that moment [rad]
     opening: float  # from then until the legs are arms [s]
     rate: float  # mean one at which the propellers come up meanwhile [rad/s]
+    hip_speed: float  # greatest of a hip frontal joint meanwhile [rad/s]
     lowest: float  # perch over the ground until the landing was asked for [m]
     tilt: float  # greatest of the body until then [rad]
     astray: float  # farthest from where it leapt until then [m]
@@ -48,6 +49,7 @@ class Leap:
             "leap_propellers_lean_deg": math.degrees(self.leaning),
             "leap_arms_after_s": self.opening,
             "leap_arms_rate_degps": math.degrees(self.rate),
+            "leap_hip_speed_max_radps": self.hip_speed,
             "leap_perch_lowest_m": self.lowest,
             "leap_tilt_max_deg": math.degrees(self.tilt),
             "leap_astray_max_m": self.astray,
@@ -80,6 +82,7 @@ def leap_of(recording: Recording, robot: Robot, asked: float, end: float) -> Lea
         leaning=float(tilts[0]),
         opening=arms - off,
         rate=float((tilts[0] - ARMS) / (arms - off)),
+        hip_speed=measures.peak(opened.between(off, arms).velocity[:, 0::3]),
         lowest=float(height[(base.time >= asked) & (base.time <= end)].min()),
         tilt=float(measures.tilt(flight.orientation).max()),
         astray=float(np.linalg.norm(flight.position[:, :2] - start, axis=1).max()),

@@ -6,6 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from husky_description.arrays import Array
+from husky_description.fan import FanModel
 from husky_description.robot import Robot
 from husky_experiments.metrics.measures import rms
 from husky_experiments.recordings.recording import Recording
@@ -133,7 +134,8 @@ def battery_summary(
 
     The drop that is expected is R times the rise in current, and what the open-circuit voltage
     loses by the charge that was drawn. `resistance_measured_mohm` is fitted to all measurements
-    from `before` to `after`, through the same voltage.
+    from `before` to `after`, through the same voltage. `current_rise_least_a` is what the jets
+    alone need for the thrust that is made, by momentum theory, without any loss.
 
     Args:
         recording: with state of the fans and of the propulsion unit.
@@ -157,11 +159,14 @@ def battery_summary(
     expected = resistance * rise + mean(unloaded, before) - mean(unloaded, after)
     current = state.current - state.current.mean() if len(state) else state.current
     sag = unloaded - state.voltage
+    fans_after = fans.between(*after)
+    jets = FanModel.of(robot).jet_factor * np.sum(fans_after.thrust.clip(0.0) ** 1.5, axis=1)
     fitted = float(current @ sag / (current @ current)) if len(state) else float("nan")
     return {
         "current_before_a": mean(state.current, before),
         "current_after_a": mean(state.current, after),
         "current_rise_a": rise,
+        "current_rise_least_a": float(jets.mean()) / mean(state.voltage, after),
         "current_peak_a": float(state.current.max()) if len(state) else float("nan"),
         "voltage_before_v": mean(state.voltage, before),
         "voltage_after_v": mean(state.voltage, after),
