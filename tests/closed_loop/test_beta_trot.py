@@ -34,7 +34,7 @@ def test_stands_where_it_shall_and_sits_down_again():
     ("mode", "contact", "speed", "aside", "strained"),
     [
         ("walk", "stiff", 0.4, 0.1, 0.02),
-        ("walk", "thesis_model", 0.4, 0.1, 0.02),
+        ("walk", "thesis_model", 0.4, 0.1, 0.1),
         # It does not feel where it goes, nor that its feet drag where they sink.
         ("position_trot", "thesis_results", 0.3, 0.2, 0.6),
     ],

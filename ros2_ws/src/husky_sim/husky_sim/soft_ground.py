@@ -10,6 +10,7 @@ Joint limits, equalities and contacts between links stay MuJoCo's.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -22,6 +23,7 @@ _REGULARISATION = 1e3
 """MuJoCo's R of the rows that carry a known force [1/kg]: they resist like a gram of mass."""
 _NO_PUSH = -1e9
 """Reference acceleration of a row that carries nothing [m/s^2]."""
+_AXES = np.arange(3)
 _SWEEPS, _TOLERANCE = 1000, 1e-7
 """Most sweeps over the contacts, and the change of a force at which they end [N]."""
 
@@ -65,130 +67,138 @@ class SoftGround:
             self._other_force -= data.efc_force[rows] @ jacobian
 
     def _press(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array | None:
-        """Set the rows of the ground's contacts; return those that press, or None."""
-        contact = data.contact
-        share = np.zeros(data.ncon)
-        _share_of_law(
-            contact.geom,
-            contact.efc_address,
-            contact.dist,
-            self._is_floor,
-            model.geom_bodyid,
-            share,
+        """Set the rows of the ground's contacts; return the rows of those that press, or None."""
+        contact, ground = data.contact, self.ground
+        pressing, share = _pressing(
+            contact.geom, contact.efc_address, contact.dist, self._is_floor, model.geom_bodyid
         )
-        touching = self._is_floor[contact.geom].any(axis=1) & (contact.efc_address >= 0)
-        data.efc_aref[contact.efc_address[touching]] = _NO_PUSH
-        pressing = np.flatnonzero(share)
+        _release(contact.geom, contact.efc_address, self._is_floor, data.efc_aref)
         if not pressing.size:
             return None
-        rows: Array = (contact.efc_address[pressing, None] + np.arange(3)).ravel()
         mujoco.mj_fwdActuation(model, data)
         mujoco.mj_fwdAcceleration(model, data)
-        jacobian = data.efc_J.reshape(-1, model.nv)[rows]
+        rows: Array = (contact.efc_address[pressing, None] + _AXES).ravel()
         # The last row: of the other constraints, their forces of the step before.
-        loads = np.vstack((jacobian, self._other_force))
+        loads = np.empty((rows.size + 1, model.nv))
+        loads[:-1] = data.efc_J.reshape(-1, model.nv)[rows]
+        loads[-1] = self._other_force
         accelerations = np.empty_like(loads)
         mujoco.mj_solveM(model, data, accelerations, loads)
-        mobility = accelerations[:-1] @ jacobian.T
-        free = jacobian @ (data.qacc_smooth + accelerations[-1])
-        force, gained = np.zeros(rows.size), np.zeros(rows.size)
-        ground = self.ground
-        _solve(
+        force, gained = _solve(
             model.opt.timestep,
-            (ground.stiffness, ground.damping),
+            (ground.stiffness, ground.damping, ground.friction_viscous),
             (ground.friction_coulomb, ground.friction_static, ground.stribeck_velocity),
-            ground.friction_viscous,
-            share[pressing],
+            share,
             contact.dist[pressing],
             data.efc_vel[rows],
-            free,
-            mobility,
+            loads[:-1] @ (data.qacc_smooth + accelerations[-1]),
+            accelerations[:-1] @ loads[:-1].T,
+        )
+        _impose(
             force,
             gained,
+            pressing,
+            rows,
+            (data.efc_R, data.efc_D, data.efc_aref, contact.friction, contact.mu),
         )
-        data.efc_R[rows] = _REGULARISATION
-        data.efc_D[rows] = 1.0 / _REGULARISATION
-        data.efc_aref[rows] = _REGULARISATION * force + gained
-        # A cone that holds the known force with room to spare.
-        tangential = np.hypot(force[1::3], force[2::3])
-        slope = np.maximum(1.0, 2.0 * tangential / np.maximum(force[0::3], 1e-9))
-        contact.friction[pressing, :2] = slope[:, None]
-        contact.mu[pressing] = slope
-        lifted = force[0::3] <= 0.0
-        data.efc_aref[rows[0::3][lifted]] = _NO_PUSH
         return rows
 
 
 @njit(cache=True)
-def _share_of_law(geoms, addresses, distances, is_floor, body_of, share):  # type: ignore[no-untyped-def]
-    """Fill in each contact's part of its body's spring: by depth, in the body's deepest geom."""
-    for i in range(len(distances)):
-        if (
-            addresses[i] < 0
-            or distances[i] >= 0.0
-            or is_floor[geoms[i, 0]] == is_floor[geoms[i, 1]]
-        ):
-            continue
-        geom = geoms[i, 1] if is_floor[geoms[i, 0]] else geoms[i, 0]
-        deepest, total = geom, 0.0
-        least = 0.0
-        for j in range(len(distances)):
-            floor_first = is_floor[geoms[j, 0]]
-            if addresses[j] < 0 or floor_first == is_floor[geoms[j, 1]]:
-                continue
-            other = geoms[j, 1] if floor_first else geoms[j, 0]
-            if body_of[other] == body_of[geom] and distances[j] < least:
-                least, deepest = distances[j], other
-            if other == geom and distances[j] < 0.0:
-                total += distances[j]
-        if deepest == geom:
-            share[i] = distances[i] / total
+def _ground_geom(geoms: Any, index: int, is_floor: Any) -> int:
+    """Return the geom that touches the floor in a contact, -1 for a contact without the floor."""
+    first, second = geoms[index]
+    if is_floor[first] == is_floor[second]:
+        return -1
+    return second if is_floor[first] else first  # type: ignore[no-any-return]
 
 
 @njit(cache=True)
-def _solve(  # type: ignore[no-untyped-def]
-    step, spring, friction, viscous, share, distance, velocity, free, mobility, force, gained
-):
-    """Find the contact forces that T27 has at the end of a step, contact by contact.
+def _pressing(
+    geoms: Any, addresses: Any, distances: Any, is_floor: Any, body_of: Any
+) -> tuple[Any, Any]:
+    """Return the contacts that press, and each one's share of its body's law, by depth.
+
+    Of a body only the deepest geom presses.
+    """
+    count = len(distances)
+    share = np.zeros(count)
+    for i in range(count):
+        geom = _ground_geom(geoms, i, is_floor)
+        if geom < 0 or addresses[i] < 0 or distances[i] >= 0.0:
+            continue
+        deepest, least, total = geom, 0.0, 0.0
+        for j in range(count):
+            other = _ground_geom(geoms, j, is_floor)
+            if other < 0 or addresses[j] < 0 or distances[j] >= 0.0:
+                continue
+            if body_of[other] == body_of[geom] and distances[j] < least:
+                least, deepest = distances[j], other
+            if other == geom:
+                total += distances[j]
+        if deepest == geom:
+            share[i] = distances[i] / total
+    pressing = np.flatnonzero(share)
+    return pressing, share[pressing]
+
+
+@njit(cache=True)
+def _release(geoms: Any, addresses: Any, is_floor: Any, reference: Any) -> None:
+    """Let no contact with the floor carry anything, by MuJoCo's reference accelerations."""
+    for i in range(len(addresses)):
+        if addresses[i] >= 0 and _ground_geom(geoms, i, is_floor) >= 0:
+            reference[addresses[i]] = _NO_PUSH
+
+
+@njit(cache=True)
+def _solve(
+    step: float,
+    normal_law: tuple[float, float, float],
+    friction: tuple[float, float, float],
+    share: Any,
+    distance: Any,
+    velocity: Any,
+    free: Any,
+    mobility: Any,
+) -> tuple[Any, Any]:
+    """Return the contact forces that T27 has at the end of a step, contact by contact.
 
     Args:
         step: its length [s].
-        spring: stiffness [N/m] and damping [N s/m].
+        normal_law: stiffness [N/m], damping [N s/m], and mu_v [N s/m].
         friction: mu_c, mu_s [-] and Stribeck velocity [m/s].
-        viscous: mu_v [N s/m].
         share: of each contact in its body's law (n,).
         distance: of each contact, negative in the ground [m] (n,).
         velocity: at the beginning, normal and two tangents of each contact [m/s] (3 n,).
         free: acceleration without contact forces [m/s^2] (3 n,).
         mobility: acceleration by force [1/kg] (3 n, 3 n).
-        force: filled in [N] (3 n,).
-        gained: filled in: acceleration with the contact forces [m/s^2] (3 n,).
+
+    Returns:
+        Forces [N] (3 n,), and the accelerations with them [m/s^2] (3 n,).
     """
     count = len(share)
-    stiffness, damping = spring
+    stiffness, damping, viscous = normal_law
     coulomb, static, stribeck = friction
-    bound = np.empty(count)
-    drag = np.zeros(3 * count)
+    bound, force, drag = np.empty(count), np.zeros(3 * count), np.zeros(3 * count)
     for i in range(count):
         n = 3 * i
         slip = math.hypot(velocity[n + 1], velocity[n + 2])
         bound[i] = coulomb - (coulomb - static) * math.exp(-((slip / stribeck) ** 2))
         drag[n + 1 : n + 3] = -viscous * share[i] * velocity[n + 1 : n + 3]
-    free = free + mobility @ drag
+    dragged = free + mobility @ drag
     for _ in range(_SWEEPS):
         change = 0.0
         for i in range(count):
             n = 3 * i
-            after = velocity[n] + step * (free[n] + mobility[n] @ force)
+            after = velocity[n] + step * (dragged[n] + mobility[n] @ force)
             k, c = share[i] * stiffness, share[i] * damping
             excess = force[n] + k * (distance[i] + step * after) + c * after
-            slope = 1.0 + (k * step + c) * step * mobility[n, n]
-            normal = max(0.0, force[n] - excess / slope)
+            normal = max(0.0, force[n] - excess / (1.0 + (k * step + c) * step * mobility[n, n]))
             change = max(change, abs(normal - force[n]))
             force[n] = normal
             gain = step * (mobility[n + 1, n + 1] + mobility[n + 2, n + 2])
-            first = velocity[n + 1] + step * (free[n + 1] + mobility[n + 1] @ force)
-            second = velocity[n + 2] + step * (free[n + 2] + mobility[n + 2] @ force)
+            first = velocity[n + 1] + step * (dragged[n + 1] + mobility[n + 1] @ force)
+            second = velocity[n + 2] + step * (dragged[n + 2] + mobility[n + 2] @ force)
             first, second = force[n + 1] - first / gain, force[n + 2] - second / gain
             length = math.hypot(first, second)
             if length > bound[i] * normal:
@@ -201,4 +211,32 @@ def _solve(  # type: ignore[no-untyped-def]
     for i in range(count):
         if force[3 * i] > 0.0:
             force[3 * i : 3 * i + 3] += drag[3 * i : 3 * i + 3]
-    gained[:] = free + mobility @ (force - drag)
+    return force, free + mobility @ force
+
+
+@njit(cache=True)
+def _impose(
+    force: Any, gained: Any, pressing: Any, rows: Any, solver: tuple[Any, Any, Any, Any, Any]
+) -> None:
+    """Set MuJoCo's rows so that its solver returns known forces.
+
+    Args:
+        force: [N] (3 n,).
+        gained: accelerations with them [m/s^2] (3 n,).
+        pressing: number of each contact (n,).
+        rows: of the contacts (3 n,).
+        solver: R, D, reference accelerations, friction coefficients and mu, as MuJoCo has them.
+    """
+    resistance, conductance, reference, coefficients, cone = solver
+    for i in range(len(pressing)):
+        n = 3 * i
+        if force[n] <= 0.0:
+            continue
+        for row in range(n, n + 3):
+            resistance[rows[row]] = _REGULARISATION
+            conductance[rows[row]] = 1.0 / _REGULARISATION
+            reference[rows[row]] = _REGULARISATION * force[row] + gained[row]
+        # A cone that holds the known force with room to spare.
+        slope = max(1.0, 2.0 * math.hypot(force[n + 1], force[n + 2]) / force[n])
+        coefficients[pressing[i], 0] = coefficients[pressing[i], 1] = slope
+        cone[pressing[i]] = slope
