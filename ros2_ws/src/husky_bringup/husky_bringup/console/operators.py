@@ -165,11 +165,11 @@ class Operator:
 
     def hold(self, word: Hold, now: float) -> list[Action]:
         """Take what is held at a time [s]; return actions of buttons that have just gone down."""
-        age, missed = self._ages(word.beat, now)
-        if age <= self._rules.silence < age + missed:
+        silence, (age, missed) = self._rules.silence, self._ages(word.beat, now)
+        if missed > silence or age <= silence < age + missed:
             return []  # it has waited for this process; who holds something says so again soon
         self.delay = age + missed
-        if self.delay > self._rules.silence:
+        if self.delay > silence:
             self.bar(now)
         share, pad = _share(word), word.pad
         dead_man = self._rules.layout.dead_man
