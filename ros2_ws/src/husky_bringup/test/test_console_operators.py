@@ -74,6 +74,10 @@ def test_words_that_waited_for_the_console_neither_drive_nor_bar(paused: Page) -
         paused.operators.hold(paused.operator, Hold(old, stick=(-1.0, 0.0, 0.0)), paused.now) == []
     )
     assert paused.command() == Velocity(0.5), "the last word from before the pause"
+    for _ in range(12):  # there are many, and reading them takes longer than `silence`
+        paused.now += 0.05
+        assert paused.operators.hold(paused.operator, Hold(old, stick=AHEAD), paused.now) == []
+    assert paused.command() == ZERO
     paused.says(stick=(0.0, 1.0, 0.0))
     assert paused.command() == Velocity(left=0.3), "who still holds it need not let go first"
 

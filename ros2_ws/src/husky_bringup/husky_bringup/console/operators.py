@@ -130,6 +130,7 @@ class Operator:
         delay: how long the last word and its beat were under way together [s].
         outcome: of what he asked for last.
         holds: whether something was held in the last word, barred or not.
+        has_waited: whether that word waited while this process was stopped: it was passed over.
         is_barred: whether all must be let go before anything counts.
     """
 
@@ -144,7 +145,7 @@ class Operator:
         self._speed = 1.0
         self.delay = 0.0
         self.outcome = Outcome()
-        self.holds = False
+        self.holds = self.has_waited = False
 
     def beat(self, now: float) -> int:
         """Return the number of the beat that is sent at a time [s]."""
@@ -165,11 +166,12 @@ class Operator:
 
     def hold(self, word: Hold, now: float) -> list[Action]:
         """Take what is held at a time [s]; return actions of buttons that have just gone down."""
-        age, missed = self._ages(word.beat, now)
-        if age <= self._rules.silence < age + missed:
+        silence, (age, missed) = self._rules.silence, self._ages(word.beat, now)
+        self.has_waited = missed > silence or age <= silence < age + missed
+        if self.has_waited:
             return []  # it has waited for this process; who holds something says so again soon
         self.delay = age + missed
-        if self.delay > self._rules.silence:
+        if self.delay > silence:
             self.bar(now)
         share, pad = _share(word), word.pad
         dead_man = self._rules.layout.dead_man
