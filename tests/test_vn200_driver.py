@@ -1,5 +1,6 @@
 """The process `vn200_driver` against the emulated device on a pseudo-terminal."""
 
+import os
 import signal
 import time
 
@@ -59,7 +60,7 @@ def bench(domain, tmp_path, request):
 
 def test_samples_in_ros_axes_stamped_by_the_device(bench):
     bench.wait_for_samples(400)
-    times = np.array([stamps.to_ns(sample.header.stamp) for sample in bench.samples])
+    times = np.array([stamp_of(sample) for sample in bench.samples])
     assert not (times % PERIOD_NS).any()
     assert np.diff(times).min() > 0
     for sample in bench.samples[:100]:
@@ -91,6 +92,7 @@ def test_samples_in_ros_axes_stamped_by_the_device(bench):
 
 
 def test_faults_of_line_and_device_are_reported_and_survived(bench):
+    check_a_stop(bench)
     bench.check_the_plug()
     with bench.held():
         bench.imu.inject("truncate")
@@ -116,6 +118,21 @@ def test_faults_of_line_and_device_are_reported_and_survived(bench):
     )
 
 
+def check_a_stop(bench):
+    """Stopped while the world stands, it says its last sample again: DDS may have dropped it."""
+    bench.wait_for_samples()
+    with bench.held():
+        os.kill(bench.process.pid, signal.SIGSTOP)
+        time.sleep(1.0)  # longer than a busy machine keeps a process waiting
+        os.kill(bench.process.pid, signal.SIGCONT)
+        bench.wait(lambda: len(set(map(stamp_of, bench.samples[-3:]))) == 1, "the last sample")
+    bench.wait_for_samples()
+
+
+def stamp_of(sample):
+    return stamps.to_ns(sample.header.stamp)
+
+
 def test_a_deactivated_driver_gives_the_port_back(bench):
     bench.check_deactivation()
     bench.end(signal.SIGINT)
@@ -136,7 +153,7 @@ def test_without_autostart_it_waits_to_be_told(bench):
 @pytest.mark.parametrize("bench", [{"clock": "host"}], indirect=True)
 def test_stamps_of_the_hosts_clock(bench):
     bench.wait_for_samples(200)
-    times = np.array([stamps.to_ns(sample.header.stamp) for sample in bench.samples])
+    times = np.array([stamp_of(sample) for sample in bench.samples])
     assert np.diff(times).min() > 0
     assert abs(times[-1] - time.time_ns()) < 30 * 10**9
     bench.end()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
+import threading
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -25,10 +26,15 @@ from husky_runtime.nodes.parameters import declare, declare_robot
 from husky_runtime.nodes.patched_message import PatchedMessage
 from husky_runtime.nodes.presence import default_serial_port
 from husky_runtime.nodes.run import run
+from husky_runtime.patient_clock import PatientClock
 
 _ROTATION = "nine numbers of a rotation matrix"
 _GARBAGE_SHARE = 0.01
 """Share of bytes of no packet and no line above which somebody else's output is on the line."""
+_STOP = 0.5
+"""Time in which this process did not run after which it was stopped [s]."""
+_REPEAT_PERIOD, _REPEATS = 0.1, 20
+"""Of the last sample after a stop [s], and how often."""
 
 
 class Vn200Driver(DeviceNode[Vn200Link]):
@@ -67,6 +73,11 @@ class Vn200Driver(DeviceNode[Vn200Link]):
         )
         self._message = imu_message(ImuFigures.of(declare_robot(self).imu))
         self._publisher = self.create_lifecycle_publisher(Imu, graph.IMU, qos.CONTROL_OFFERED)
+        self._lock = threading.Lock()
+        self._last_sample = b""  # under the lock, as is publishing
+        self._patient_clock = PatientClock(longest_look(self))
+        self._repeats = 0
+        self.create_timer(_REPEAT_PERIOD, self._repeat_after_a_stop)
         self._last_report = _Counts()
         self._diagnostics = diagnostics.Diagnostics(self, "VN-200", self._report)
         self.autostart()
@@ -83,14 +94,31 @@ class Vn200Driver(DeviceNode[Vn200Link]):
     def _publish(self, values: Values, host_ns: int) -> None:
         """Publish one sample in ROS axes."""
         device_ns, x, y, z, w, p, q, r, a, b, c = values
-        self._publisher.publish(
-            self._message.encode_at(
-                self._device_clock.stamp(int(device_ns), host_ns),
-                swap_world_and_body((x, y, z, w)),
-                swap_body((p, q, r)),
-                swap_body((a, b, c)),
-            )
+        sample = self._message.encode_at(
+            self._device_clock.stamp(int(device_ns), host_ns),
+            swap_world_and_body((x, y, z, w)),
+            swap_body((p, q, r)),
+            swap_body((a, b, c)),
         )
+        with self._lock:
+            self._last_sample = sample
+            self._publisher.publish(sample)
+
+    # In the executor's thread -------------------------------------------------------------------
+    def _repeat_after_a_stop(self) -> None:
+        """Publish the last sample again for a while after this process was stopped, in simulation.
+
+        DDS drops what waits at a process that is stopped for a second, and a lockstep world that
+        waits for that sample makes no other.
+        """
+        missed = self._patient_clock.missed
+        self._patient_clock.read(time.monotonic())
+        if self._patient_clock.missed - missed > _STOP:
+            self._repeats = _REPEATS
+        if self._repeats and self._last_sample and self._publisher.is_activated:
+            self._repeats -= 1
+            with self._lock:
+                self._publisher.publish(self._last_sample)
 
     # Report -------------------------------------------------------------------------------------
     def _report(self) -> diagnostics.Report:
