@@ -59,7 +59,9 @@ class DriveBridge(JointBridge[Master]):
             self.get_logger().error(f"the drives cannot be configured: {error}")
             return TransitionCallbackReturn.FAILURE
         if self._master.changes:
-            self.get_logger().info(f"changed in the drives: {'; '.join(self._master.changes)}")
+            self.get_logger().info(
+                f"{len(self._master.changes)} settings of the drives were set: see changed in /diagnostics"
+            )
         return TransitionCallbackReturn.SUCCESS
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:

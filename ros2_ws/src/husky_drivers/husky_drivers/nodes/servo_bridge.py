@@ -88,7 +88,9 @@ class ServoBridge(JointBridge[ServoMaster]):
         told = troubles.describe(sorted(troubles.unusable)) or "all servos answer"
         self._say(f"line open: {told}")
         if self._master.changes:
-            self._say(f"changed in the servos: {'; '.join(self._master.changes)}")
+            self._say(
+                f"{len(self._master.changes)} settings of the servos were set: see changed in /diagnostics"
+            )
 
     def _lose_line(self, error: Exception) -> None:
         reason = f"no line: {error}"
