@@ -89,7 +89,7 @@ class ServoBridge(JointBridge[ServoMaster]):
         self._say(f"line open: {told}")
         if self._master.changes:
             self._say(
-                f"{len(self._master.changes)} settings of the servos were set: see changed in /diagnostics"
+                f"{len(self._master.changes)} settings of servos changed: see changed in /diagnostics"
             )
 
     def _lose_line(self, error: Exception) -> None:
