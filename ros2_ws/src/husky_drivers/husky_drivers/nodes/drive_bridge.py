@@ -60,7 +60,7 @@ class DriveBridge(JointBridge[Master]):
             return TransitionCallbackReturn.FAILURE
         if self._master.changes:
             self.get_logger().info(
-                f"{len(self._master.changes)} settings of drives changed: see changed in /diagnostics"
+                f"{len(self._master.changes)} settings of drives changed: see /diagnostics"
             )
         return TransitionCallbackReturn.SUCCESS
 

@@ -88,9 +88,7 @@ class ServoBridge(JointBridge[ServoMaster]):
         told = troubles.describe(sorted(troubles.unusable)) or "all servos answer"
         self._say(f"line open: {told}")
         if self._master.changes:
-            self._say(
-                f"{len(self._master.changes)} settings of servos changed: see changed in /diagnostics"
-            )
+            self._say(f"{len(self._master.changes)} settings of servos changed: see /diagnostics")
 
     def _lose_line(self, error: Exception) -> None:
         reason = f"no line: {error}"
