@@ -24,8 +24,11 @@ _REGULARISATION = 1e3
 _NO_PUSH = -1e9
 """Reference acceleration of a row that carries nothing [m/s^2]."""
 _AXES = np.arange(3)
-_SWEEPS, _TOLERANCE = 1000, 1e-7
-"""Most sweeps over the contacts, and the change of a force at which they end [N]."""
+_SWEEPS, _TOLERANCE = 200, 1e-6
+"""Most sweeps over the contacts, and the change of a force at which they end [N].
+
+Four feet take some 30; a robot that lies on fifteen contacts would take thousands.
+"""
 
 
 class SoftGround:
