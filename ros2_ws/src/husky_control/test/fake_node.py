@@ -16,6 +16,11 @@ class FakeNode:
         """It is in no namespace."""
         return "/"
 
+    def get_parameter(self, name: str) -> SimpleNamespace:
+        """It is in a simulation: use_sim_time is true."""
+        assert name == "use_sim_time"
+        return SimpleNamespace(value=True)
+
     def resolve_topic_name(self, topic: str) -> str:
         """That of the graph."""
         return f"/{topic}"
