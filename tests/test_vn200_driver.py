@@ -34,7 +34,7 @@ POSE = (tuple(TILT.as_quat()), (0.5, -0.25, 1.0), (1.0, 2.0, 9.0))
 
 OFF = BinaryOutput(0, 1, None)
 OTHERS = BinaryOutput(1, 80, OutputLayout([0x0009]))
-"""What somebody has saved as binary output 2: 26 bytes, 10 times a second."""
+"""Binary output 2 that somebody has saved: 26 bytes, 10 times a second."""
 
 
 class Bench(SensorBench):

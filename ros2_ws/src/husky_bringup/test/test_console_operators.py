@@ -58,7 +58,7 @@ def paused() -> Page:
 
 
 def test_a_pause_of_the_console_is_no_silence_of_a_browser(paused: Page) -> None:
-    """What was held is held; a browser that has gone meanwhile counts for `silence` from there."""
+    """Motions that were held stay held; a browser that has gone counts for `silence` from there."""
     assert paused.command() == Velocity(0.5)
     paused.says(stick=AHEAD)
     assert paused.command() == Velocity(0.5)

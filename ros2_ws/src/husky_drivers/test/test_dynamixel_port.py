@@ -1,4 +1,4 @@
-"""How long the servos' line waits for an answer; no line is opened."""
+"""Time for which the servos' line waits for an answer; no line is opened."""
 
 import math
 from types import SimpleNamespace

@@ -101,7 +101,7 @@ class Pilot:
 
     @property
     def _flies(self) -> bool:
-        """Whether the throttle is near the one that carries the unit."""
+        """True if the throttle is near the one that carries the unit."""
         return self.throttle > 0.5 * self._hover
 
     def _lean(self, sight: Sight) -> tuple[float, float]:

@@ -39,7 +39,7 @@ WRONG = {
 
 @pytest.fixture
 def told(make_autopilot, make_pair):
-    """What the client thinks of an autopilot with some parameters."""
+    """Opinion of the client on an autopilot with some parameters."""
 
     def connect(changed=(), autopilot=PX4, system=0):
         pair = make_pair(make_autopilot(autopilot=autopilot), rules=RULES, target_system=system)

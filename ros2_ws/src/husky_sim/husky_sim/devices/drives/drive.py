@@ -283,7 +283,7 @@ class SimulatedDrive:
                 drive_cycle.abort_connection(d)
 
     def _maps(self, count: od.ObjectEntry, assignment: tuple[int, ...]) -> bool:
-        """Whether an assignment is the one whose bytes the emulator knows."""
+        """Return whether an assignment is the one whose bytes the emulator knows."""
         return self._assigned[count.index] == assignment and all(
             self._assigned[index] == mapped(index) for index in assignment
         )

@@ -67,7 +67,7 @@ class Vn200Settings:
 
 
 FACTORY = Vn200Settings()
-"""What a device from the factory has saved."""
+"""Settings of a device from the factory."""
 
 
 class Registers:
