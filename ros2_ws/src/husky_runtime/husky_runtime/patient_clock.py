@@ -18,8 +18,8 @@ An idle executor looks every 50 ms, a busy one every 2 ms: silence is found as s
 class PatientClock:
     """Monotonic wall time, of which a gap between two reads counts for a moment at most.
 
-    Whoever waits for something reads it again and again, at least twice in `longest_look`. For one
-    thread, or under a lock.
+    A watchdog that waits reads it at least twice in `longest_look`. For one thread, or under a
+    lock.
 
     Attributes:
         missed: wall time that has not been counted so far [s].

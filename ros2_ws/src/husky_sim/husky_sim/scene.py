@@ -170,7 +170,11 @@ def physics_step(model: mujoco.MjModel, options: WorldOptions) -> PhysicsStep:
     if options.stiffness is not None:
         changes["stiffness"] = options.stiffness
     ground = replace(GROUND_PRESETS[options.contact], **changes)
-    return SoftGround(model, ground, terrain.FLOOR).step
+    soft = SoftGround(model, ground, terrain.FLOOR)
+    buried = mujoco.MjData(model)
+    buried.qpos[2] = 0.0
+    soft.step(model, buried)  # compiles its functions: not in the first tick
+    return soft.step
 
 
 Colour = tuple[float, float, float]

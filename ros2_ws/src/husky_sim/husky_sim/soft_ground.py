@@ -62,15 +62,19 @@ class SoftGround:
         if data.time == 0.0:
             self._other_force[:] = 0.0
         mujoco.mj_step1(model, data)
-        rows = self._press(model, data) if data.ncon else None
+        pressed = self._press(model, data) if data.ncon else None
         mujoco.mj_step2(model, data)
         self._other_force[:] = data.qfrc_constraint
-        if rows is not None:
-            jacobian = data.efc_J.reshape(-1, model.nv)[rows]
+        if pressed is not None:
+            rows, jacobian = pressed
             self._other_force -= data.efc_force[rows] @ jacobian
 
-    def _press(self, model: mujoco.MjModel, data: mujoco.MjData) -> Array | None:
-        """Set the rows of the ground's contacts; return the rows of those that press, or None."""
+    def _press(self, model: mujoco.MjModel, data: mujoco.MjData) -> tuple[Array, Array] | None:
+        """Set the rows of the ground's contacts.
+
+        Returns:
+            Indices of the rows that press (n,) and their Jacobian (n, nv), or None.
+        """
         contact, ground = data.contact, self.ground
         pressing, share = _pressing(
             contact.geom, contact.efc_address, contact.dist, self._is_floor, model.geom_bodyid
@@ -85,7 +89,7 @@ class SoftGround:
         loads = np.empty((rows.size + 1, model.nv))
         loads[:-1] = data.efc_J.reshape(-1, model.nv)[rows]
         loads[-1] = self._other_force
-        accelerations = np.empty_like(loads)
+        jacobian, accelerations = loads[:-1], np.empty_like(loads)
         mujoco.mj_solveM(model, data, accelerations, loads)
         force, gained = _solve(
             model.opt.timestep,
@@ -94,8 +98,8 @@ class SoftGround:
             share,
             contact.dist[pressing],
             data.efc_vel[rows],
-            loads[:-1] @ (data.qacc_smooth + accelerations[-1]),
-            accelerations[:-1] @ loads[:-1].T,
+            jacobian @ (data.qacc_smooth + accelerations[-1]),
+            accelerations[:-1] @ jacobian.T,
         )
         _impose(
             force,
@@ -104,7 +108,7 @@ class SoftGround:
             rows,
             (data.efc_R, data.efc_D, data.efc_aref, contact.friction, contact.mu),
         )
-        return rows
+        return rows, jacobian
 
 
 @njit(cache=True)

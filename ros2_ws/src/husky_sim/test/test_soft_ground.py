@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from husky_description.ground import GROUND_PRESETS, GroundModel
+from husky_description.robot import load_robot
+from husky_sim.scene import WorldOptions, build_scene, physics_step
 from husky_sim.soft_ground import SoftGround
 
 GRAVITY, STEP, RADIUS = 9.81, 0.0005, 0.05
@@ -181,3 +183,23 @@ def test_refuses_models_that_it_cannot_serve():
     model = mujoco.MjSpec.from_string("<mujoco/>").compile()
     with pytest.raises(ValueError, match="elliptic cones"):
         SoftGround(model, LAB, "floor")
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"stiffness": 300.0}, "contact is 'stiff', which has none: it must be one of lab"),
+        ({"contact": "lab", "stiffness": 0.5}, "stiffness is 0.5 N/m, it must be within 1 and 1e6"),
+    ],
+)
+def test_a_stiffness_that_no_ground_has_is_refused(options, message):
+    with pytest.raises(ValueError, match=message):
+        WorldOptions(**options)
+
+
+def test_a_stiffness_and_a_friction_replace_those_of_the_preset():
+    options = WorldOptions(contact="thesis_model", stiffness=300.0, friction=0.4)
+    model = build_scene(load_robot("beta"), options).compile()
+    ground = physics_step(model, options).__self__.ground
+    assert (ground.stiffness, ground.damping) == (300.0, 1000.0)
+    assert ground.friction_static == ground.friction_coulomb == 0.4

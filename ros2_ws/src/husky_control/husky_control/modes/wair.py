@@ -51,7 +51,7 @@ class Wair(Walk):
             TICK,
         )
         walking.stand_on(climbing.ground(walking.height))
-        rested = self.rested()
+        rested = self.count_rest()
         if walking.stepping and (rested or c.watch.silent):
             walking.stop_stepping()
         body.turn_ground(climbing.plane)

@@ -46,13 +46,13 @@ class Walk(Stand):
 
     def tick(self, command: JointCommand) -> Happening | None:
         """Step; at zero only if somebody has asked for this mode."""
-        if self.context.watch.leads and self.rested() and self.context.walking.stepping:
+        if self.context.watch.leads and self.count_rest() and self.context.walking.stepping:
             self.context.walking.stop_stepping()
             self.context.reason = "velocity command zero"
         super().tick(command)
         return (Event.DONE, "feet down") if self.stopped else None
 
-    def rested(self) -> bool:
+    def count_rest(self) -> bool:
         """Count a tick; return whether the command has been zero for `REST_TIME`, speed ramped."""
         reference = self.context.walking.reference
         self._rest = 0.0 if reference.command.any() else self._rest + TICK
