@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Sets up if needed and tests. Ends with pytest's summary line; the exit code is 0 only when everything passed.
+# Sets up if needed and tests. Ends with pytest's summary line and what the run took; the exit code is 0 only when everything passed.
 #
 #   scripts/test.sh                     lint, types and the tests that a change must pass; what CI runs
 #   scripts/test.sh --all               these, what is marked docker, bare, realtime or slow, and coverage: before a release
@@ -31,4 +31,5 @@ status="$(< "/proc/$$/stat")"
 read -r -a status <<< "${status##*) }"
 export HUSKY_STARTER="$$:${status[19]}"
 # One worker runs the graphs, each of which keeps two processors busy now and then; the others run the rest: tests/side_by_side.py
-in_turn python -m pytest -n "$workers" --dist loadfile "${options[@]}" "$@"
+TIMEFORMAT="took %0R s, and %0U s (user) + %0S s (system) of processor time"
+time in_turn python -m pytest -n "$workers" --dist loadfile "${options[@]}" "$@"

@@ -119,7 +119,9 @@ def balancing():
     return robot
 
 
-@pytest.mark.parametrize("joint", range(12))
+@pytest.mark.parametrize(
+    "joint", [pytest.param(i, marks=[pytest.mark.slow] * (i % 4 != 0)) for i in range(12)]
+)
 def test_with_one_leg_an_arm_any_servo_may_let_go(balancing, joint):
     """Legs and body go down at once; without that it fell, up to onto its back."""
     robot = balancing

@@ -2,7 +2,7 @@
 
 An end is set while the robot is at its task, or before it begins, in turns; HUSKY_SWEEP=4 takes
 each both ways, and four times as long; HUSKY_SWEEP_SEED=3 is another robot.
-Of nine ends eight are slow.
+The first end of each task is not slow.
 """
 
 import math
@@ -188,6 +188,7 @@ CORNERS = [
 """Swings as short, as long and as high as they may be, hops that fit them barely."""
 
 
+@pytest.mark.slow
 @pytest.mark.in_a_copy
 @pytest.mark.parametrize("values", CORNERS, ids=str)
 def test_corner(standing_walker, values):

@@ -147,6 +147,7 @@ def test_second_start_in_the_domain(domain, digest, robot, tmp_path):
     assert not (tmp_path / "out").exists()  # where results of the run that goes on may be
 
 
+@pytest.mark.slow
 def test_another_seed(digest, robot):
     robot.session.reset(seed=2)
     assert script(robot) != digest

@@ -73,6 +73,7 @@ def test_drive_fault(trotting, record_property):
     trotting.recover()
 
 
+@pytest.mark.slow
 def test_safe_torque_off(trotting, record_property):
     s = trotting.session
     failed = trotting.watch()
@@ -88,6 +89,7 @@ def test_safe_torque_off(trotting, record_property):
     trotting.recover()
 
 
+@pytest.mark.slow
 def test_following_error(trotting, record_property):
     """A blow twists a hip with more than its drive has: the joint leaves its window."""
     s = trotting.session

@@ -11,8 +11,9 @@ pytestmark = pytest.mark.graph
     ("fault", "report"),
     [
         ("stop", "stale"),
-        ("repeat", "stale"),
-        ("flip_bits:20", ""),  # it is asked, answers, and streams again as far as it can be told
+        pytest.param("repeat", "stale", marks=pytest.mark.slow),
+        # It is asked, answers, and streams again as far as it can be told.
+        pytest.param("flip_bits:20", "", marks=pytest.mark.slow),
         ("unplug", "no port"),
     ],
 )

@@ -23,6 +23,7 @@ def session(domain, tmp_path_factory, graphs):
     plant = {"robot": str(write(directory / "made_up.yaml")), "body": "robot_with_unit"}
     settings = {node: {"grace": GRACE} for node in (graph.DRIVE_BRIDGE, graph.LOW_LEVEL_CONTROLLER)}
     settings |= {node: {"grace": GRACE} for node in (graph.FLIGHT_CONTROLLER, graph.PIXHAWK_BRIDGE)}
+    settings[graph.LOW_LEVEL_CONTROLLER]["stand.duration"] = 0.9
     settings[graph.PLANT] = {**plant, "grace": GRACE, "seed": 1}
     with running(directory, settings, record=False) as session:
         yield session
@@ -32,8 +33,8 @@ def test_it_stands_on_its_legs_with_the_help_of_six_fans(session):
     robot = load_robot(session.specs[0].parameters["robot"])
     session.enable_drives()
     session.advance(0.2)
-    session.set_mode("stand_up", "stand", within=6.0)
-    session.advance(1.5)
+    session.set_mode("stand_up", "stand", within=3.0)
+    session.advance(0.5)
     height = session.truth.pose.pose.position.z - robot.foot_radius
     assert height == pytest.approx(robot.stand_height, abs=0.02)
 
