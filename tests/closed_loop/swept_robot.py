@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -46,9 +46,16 @@ def ends(*prefixes: str, but: tuple[str, ...] = ()) -> list[tuple[str, str]]:
 
 
 def cases(*prefixes: str, but: tuple[str, ...] = ()) -> list[Any]:
-    """Return the `ends` as pytest's parameters: all but the first one are slow."""
-    pairs = enumerate(ends(*prefixes, but=but))
-    return [pytest.param(*pair, marks=[pytest.mark.slow] * (i > 0)) for i, pair in pairs]
+    """Return the `ends` as pytest's parameters, by `one_by_default`."""
+    return one_by_default(ends(*prefixes, but=but))
+
+
+def one_by_default(rows: Iterable[Sequence[Any]]) -> list[Any]:
+    """Return rows as pytest's parameters: all but the first one are slow."""
+    return [
+        pytest.param(*row, marks=[pytest.mark.slow] * (number > 0))
+        for number, row in enumerate(rows)
+    ]
 
 
 def at_end(name: str, end: str) -> dict[str, float]:

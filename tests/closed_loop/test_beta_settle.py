@@ -119,6 +119,7 @@ def balancing():
     return robot
 
 
+# Joints 0, 4 and 8, one of each kind and each of another leg, are not slow.
 @pytest.mark.parametrize(
     "joint", [pytest.param(i, marks=[pytest.mark.slow] * (i % 4 != 0)) for i in range(12)]
 )

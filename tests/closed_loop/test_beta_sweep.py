@@ -9,6 +9,7 @@ import math
 
 import pytest
 from flying_beta import FlyingBeta
+from swept_robot import one_by_default
 
 from husky_control.parameters import TABLE, table_of
 from husky_description.robot import load_robot
@@ -71,15 +72,7 @@ def ends(*prefixes):
     ]
 
 
-def all_but_the_first_slow(rows):
-    """Parameters for pytest."""
-    return [
-        pytest.param(*row, marks=[pytest.mark.slow] * (number > 0))
-        for number, row in enumerate(rows)
-    ]
-
-
-@pytest.mark.parametrize(("name", "value"), all_but_the_first_slow(ends(*FLIGHT)))
+@pytest.mark.parametrize(("name", "value"), one_by_default(ends(*FLIGHT)))
 def test_flight(standing, name, value):
     """From standing into the air, ahead, round, and down on the perch."""
     robot = standing
@@ -112,7 +105,7 @@ CORNERS = [
 """On two feet with less damping, or more stiffness, it falls."""
 
 
-@pytest.mark.parametrize(("name", "value", "legs"), all_but_the_first_slow(BALANCES))
+@pytest.mark.parametrize(("name", "value", "legs"), one_by_default(BALANCES))
 def test_balance(armed, name, value, legs):
     """One leg becomes an arm, or two across, and stands again."""
     balance(armed, {"balance.legs": legs, name: value})
