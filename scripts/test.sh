@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# Sets up if needed and tests. Ends with pytest's summary line and what the run took; the exit code is 0 only when everything passed.
+# Sets up if needed and tests. Ends with pytest's summary line, behind which stands what the run took where no file is named; the
+# exit code is 0 only when everything passed.
 #
 #   scripts/test.sh                     lint, types and the tests that a change must pass; what CI runs
 #   scripts/test.sh --all               these, what is marked docker, bare, realtime or slow, and coverage: before a release

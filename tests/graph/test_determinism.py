@@ -147,7 +147,7 @@ def test_second_start_in_the_domain(domain, digest, robot, tmp_path):
     assert not (tmp_path / "out").exists()  # where results of the run that goes on may be
 
 
-@pytest.mark.slow
+@pytest.mark.slow  # in one process: `test_one_seed_gives_one_trajectory_to_the_bit`
 def test_another_seed(digest, robot):
     robot.session.reset(seed=2)
     assert script(robot) != digest

@@ -73,7 +73,7 @@ def test_drive_fault(trotting, record_property):
     trotting.recover()
 
 
-@pytest.mark.slow
+@pytest.mark.slow  # in one process: `sto` in husky_sim's test_segment
 def test_safe_torque_off(trotting, record_property):
     s = trotting.session
     failed = trotting.watch()
@@ -89,7 +89,7 @@ def test_safe_torque_off(trotting, record_property):
     trotting.recover()
 
 
-@pytest.mark.slow
+@pytest.mark.slow  # in one process: husky_sim's test_drive_faults
 def test_following_error(trotting, record_property):
     """A blow twists a hip with more than its drive has: the joint leaves its window."""
     s = trotting.session

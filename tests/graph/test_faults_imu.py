@@ -11,6 +11,7 @@ pytestmark = pytest.mark.graph
     ("fault", "report"),
     [
         ("stop", "stale"),
+        # In one process: a frozen device and damaged packets in husky_sim's test_vn200_closed_loop.
         pytest.param("repeat", "stale", marks=pytest.mark.slow),
         # It is asked, answers, and streams again as far as it can be told.
         pytest.param("flip_bits:20", "", marks=pytest.mark.slow),

@@ -23,7 +23,7 @@ def session(domain, tmp_path_factory, graphs):
     plant = {"robot": str(write(directory / "made_up.yaml")), "body": "robot_with_unit"}
     settings = {node: {"grace": GRACE} for node in (graph.DRIVE_BRIDGE, graph.LOW_LEVEL_CONTROLLER)}
     settings |= {node: {"grace": GRACE} for node in (graph.FLIGHT_CONTROLLER, graph.PIXHAWK_BRIDGE)}
-    settings[graph.LOW_LEVEL_CONTROLLER]["stand.duration"] = 0.9
+    settings[graph.LOW_LEVEL_CONTROLLER]["stand.duration"] = 0.9  # [s]; 0.858 is the least
     settings[graph.PLANT] = {**plant, "grace": GRACE, "seed": 1}
     with running(directory, settings, record=False) as session:
         yield session
