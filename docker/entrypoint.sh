@@ -10,10 +10,10 @@ set -euo pipefail
 read -r -a settings <<< "${HUSKY_SETTINGS:-}"
 robot=(--time "${HUSKY_TIME:-realtime}" "${settings[@]/#/--set=}")
 if [ "${1:-}" = scenario ]; then
-    exec python -m husky_experiments.scenario "${@:2}" "${robot[@]}"
+    exec python -P -m husky_experiments.scenario "${@:2}" "${robot[@]}"
 fi
 if [ -n "${HUSKY_TIME:-}" ]; then
-    python -m husky_bringup.parameter_file "${robot[@]}" > "$HUSKY_PARAMETERS"
+    python -P -m husky_bringup.parameter_file "${robot[@]}" > "$HUSKY_PARAMETERS"
 fi
 
 # The genuine `ros2 run` stays as the node's parent, dies of SIGTERM and takes the node's end with it: become the node.

@@ -1,4 +1,5 @@
-#!/usr/bin/env bash
+#!/usr/bin/env -S bash -p
 # Starts every node of the robot, one process each; Ctrl-C, or the end of one, ends them all. --help tells the options.
-. "$(dirname "${BASH_SOURCE[0]}")/front.sh"
-exec python -m husky_bringup.front -m husky_bringup.bringup "$@"
+case "$-" in *p*) ;; *) exec "${BASH:-/bin/bash}" -p "$0" "$@" ;; esac
+. "$(dirname "$(readlink -f "$0")")/front.sh" || exit
+exec python -P -m husky_bringup.front -m husky_bringup.bringup "$@"

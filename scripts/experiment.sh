@@ -1,4 +1,5 @@
-#!/usr/bin/env bash
+#!/usr/bin/env -S bash -p
 # Runs one experiment through the full graph in lockstep; results in out/NAME/, the last line is JSON. Without NAME it lists them.
-. "$(dirname "${BASH_SOURCE[0]}")/front.sh"
-exec python -m husky_bringup.front -m husky_experiments "$@"
+case "$-" in *p*) ;; *) exec "${BASH:-/bin/bash}" -p "$0" "$@" ;; esac
+. "$(dirname "$(readlink -f "$0")")/front.sh" || exit
+exec python -P -m husky_bringup.front -m husky_experiments "$@"

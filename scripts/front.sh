@@ -1,5 +1,6 @@
 # Sourced by the scripts that run something: sets up, gives `$root` and the environment. A signal ends what runs and the script,
 # with exit code 128 + n; until the script becomes the program that it runs, which then does the same.
+# Each of them is run by `bash -p`, also as `bash scripts/demo.sh`: no function, option or search path of the caller's comes along.
 set -euo pipefail
 root="$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd -P)"
 
@@ -28,5 +29,25 @@ in_turn() {
     return "$code"
 }
 
-in_turn "$root/scripts/setup.sh"
+# Discovery that was set up for something else ends in silence: nodes that do not find each other. What is started and ended here
+# has a graph of its own; a robot that stays may be meant to be found that way.
+other_discovery() {
+    local name
+    for name in ROS_DISCOVERY_SERVER ROS_SUPER_CLIENT FASTDDS_BUILTIN_TRANSPORTS FASTDDS_ENVIRONMENT_FILE \
+        FASTDDS_DEFAULT_PROFILES_FILE FASTRTPS_DEFAULT_PROFILES_FILE ROS_AUTOMATIC_DISCOVERY_RANGE; do
+        case "${!name:-}" in
+            "" | "$root"/scripts/* | LOCALHOST | SUBNET | SYSTEM_DEFAULT) continue ;;
+        esac
+        case "${0##*/}" in
+            bringup.sh | console.sh) echo "note: nodes find each other by $name=${!name}; unset it if they do not" >&2 ;;
+            *)
+                echo "note: $name=${!name} is left out, nodes find each other on this machine" >&2
+                unset "$name"
+                ;;
+        esac
+    done
+}
+
+in_turn "$root/scripts/setup.sh" --if-needed >&2 # the output is that of the program alone
+other_discovery
 . "$root/scripts/env.sh"

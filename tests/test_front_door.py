@@ -16,7 +16,8 @@ ROOT = Path(__file__).resolve().parents[1]
 SCRIPTS = ROOT / "scripts"
 # What setup.sh itself runs, apart from Python and the build tools that it looks for.
 COREUTILS = (
-    "bash basename cat cut date dirname env flock grep head ls mkdir rm sha256sum sort tail uname"
+    "bash basename cat cut date dirname env flock grep head ls mkdir readlink rm sha256sum sort"
+    " tail uname"
 )
 BUILD_TOOLS = ("cmake", "cc", "c++", "make")
 PYTHON = os.path.realpath(sys.executable)
@@ -222,16 +223,110 @@ def test_env_can_be_sourced_twice_and_in_a_strict_shell() -> None:
     }
 
 
+STATE = """
+cd() { echo "not there"; }; dirname() { echo /nowhere; }; mkdir() { false; }; ls() { false; }
+export -f cd dirname mkdir ls; export CDPATH=.:/tmp BASH_ENV=/nowhere IFS=x GREP_OPTIONS=-v
+shopt -s expand_aliases nullglob failglob; alias cp='false' unset='false' bash='false'; set -fCu
+"""
+"""What a shell of somebody may have, or hand on to programs."""
+
+
+def test_nothing_of_the_callers_shell_matters_to_env(tmp_path: Path) -> None:
+    plain = sourced(f". {SCRIPTS}/env.sh", cwd=tmp_path)
+    odd = sourced(f"{STATE}. {SCRIPTS}/env.sh", cwd=tmp_path)
+    assert {name: odd.get(name) for name in plain if name not in ("_", "SHLVL", "IFS")} == {
+        name: value for name, value in plain.items() if name not in ("_", "SHLVL")
+    }
+
+
+@pytest.mark.parametrize("call", ["", "bash ", "sh "])
+def test_nothing_of_the_callers_shell_matters_to_scripts(call: str) -> None:
+    """Started as programs, and as a shell's argument."""
+    called = run("bash", "-c", f"{STATE}unalias bash\n{call}{SCRIPTS}/experiment.sh trot --help")
+    assert called.returncode == 0, called.stderr
+    assert "forward speed [m/s]" in called.stdout
+
+
+def test_scripts_are_found_by_links_too(tmp_path: Path) -> None:
+    for name in ("setup.sh", "experiment.sh", "env.sh"):
+        (tmp_path / name).symlink_to(SCRIPTS / name)
+    assert run(tmp_path / "setup.sh").stdout == "setup: up to date\n"
+    listed = run(tmp_path / "experiment.sh").stdout
+    assert "usage: scripts/experiment.sh NAME" in listed and "  wair_map " in listed
+    assert sourced(f". {tmp_path}/env.sh")["HUSKY_ROOT"] == str(ROOT)
+
+
+def test_another_ros_and_another_python_are_left_out(tmp_path: Path) -> None:
+    """A user's own modules, and workspaces that are built on no other ROS, stay behind ours."""
+    humble, overlay, mine = tmp_path / "humble", tmp_path / "ws/install/arm", tmp_path / "mine"
+    index = "share/ament_index/resource_index"
+    for path in (humble / index / "packages/rcl", overlay / index / "packages/arm"):
+        path.parent.mkdir(parents=True)
+        path.touch()
+    parents = overlay / index / "parent_prefix_path/arm"
+    parents.parent.mkdir()
+    parents.write_text(f"{tmp_path}/ws/install/leg:{humble}\n")
+    others = f"{humble}/lib/python3.10/site-packages:{overlay}/lib/python/site-packages"
+    env = sourced(
+        f". {SCRIPTS}/env.sh",
+        PATH=f"{humble}/bin:/usr/bin:/bin:node_modules/.bin",
+        PYTHONPATH=f"{others}:{tmp_path}/venv/lib/python2.7/site-packages::{mine}",
+        AMENT_PREFIX_PATH=f"{overlay}:{humble}",
+        CMAKE_PREFIX_PATH=f"{overlay}:{humble}:{mine}",
+        LD_LIBRARY_PATH=f"lib:{overlay}/lib:{humble}/opt/yaml_vendor/lib:{humble}/lib:{mine}",
+        ROS_DISTRO="humble",
+    )
+    assert env["ROS_DISTRO"] == "jazzy"
+    for name in ("PATH", "PYTHONPATH", "AMENT_PREFIX_PATH", "CMAKE_PREFIX_PATH", "LD_LIBRARY_PATH"):
+        assert not [e for e in env[name].split(":") if e.startswith((str(humble), str(overlay)))]
+        assert "" not in env[name].split(":"), name
+    for name in ("PYTHONPATH", "CMAKE_PREFIX_PATH", "LD_LIBRARY_PATH"):
+        assert env[name].split(":")[-1] == str(mine)
+    assert env["PYTHONPATH"].split(":")[-2].endswith("/site-packages"), "packages of ours first"
+
+
+def test_modules_in_the_working_directory_are_not_imported(tmp_path: Path) -> None:
+    (tmp_path / "random.py").write_text("raise SystemExit('a stranger')\n")
+    called = run(SCRIPTS / "experiment.sh", "trot", "--help", cwd=tmp_path, PYTHONOPTIMIZE="2")
+    assert called.returncode == 0, called.stderr
+    assert "forward speed [m/s] (default: 0.5)" in " ".join(called.stdout.split())
+
+
+@pytest.mark.parametrize("script", ["experiment.sh", "bringup.sh"])
+def test_other_discovery_is_left_out_or_named(script: str) -> None:
+    """By what ends its graph itself; a robot that stays may be meant to be found that way."""
+    command = f". {SCRIPTS}/front.sh; echo ${{ROS_DISCOVERY_SERVER:-none}}"
+    ran = run("bash", "-p", "-c", command, script, ROS_DISCOVERY_SERVER="127.0.0.1:11811")
+    told = {
+        "experiment.sh": ("none", "note: ROS_DISCOVERY_SERVER=127.0.0.1:11811 is left out"),
+        "bringup.sh": ("127.0.0.1:11811", "each other by ROS_DISCOVERY_SERVER=127.0.0.1:11811"),
+    }
+    found, words = told[script]
+    assert ran.stdout.splitlines()[-1] == found and words in ran.stderr, ran.stderr
+
+
+def test_a_log_directory_that_is_not_ours_is_replaced(tmp_path: Path) -> None:
+    (tmp_path / ".ros").mkdir()
+    (tmp_path / ".ros/log").touch()  # no directory to write in, for root too
+    env = sourced(f". {SCRIPTS}/env.sh", HOME=str(tmp_path))
+    assert Path(env["ROS_LOG_DIR"]).is_dir()
+    (tmp_path / ".ros/log").unlink()
+    assert "ROS_LOG_DIR" not in sourced(f". {SCRIPTS}/env.sh", HOME=str(tmp_path))
+
+
 def test_env_before_setup_says_so_and_leaves_the_shell_alive(bare_tree: Path) -> None:
     result = run("bash", "-c", ". scripts/env.sh; echo alive $?", cwd=bare_tree)
     assert "run " in result.stderr and "scripts/setup.sh first" in result.stderr
     assert result.stdout == "alive 1\n"
 
 
-def test_ros2_is_the_stand_in_where_there_is_no_other() -> None:
+def test_ros2_is_the_stand_in_where_there_is_no_other(tmp_path: Path) -> None:
     if shutil.which("ros2", path="/usr/bin:/bin") or (ROOT / ".venv/bin/ros2").exists():
         pytest.skip("this machine has a genuine ros2 command")
-    result = run("bash", "-c", f". {SCRIPTS}/env.sh; command -v ros2; ros2 --help")
+    other = tmp_path / "scripts/ros2/bin"
+    shutil.copytree(SCRIPTS / "ros2", other.parent)
+    search = f"{other}:/usr/bin:/bin"  # as in a shell that has sourced another checkout's env.sh
+    result = run("bash", "-c", f". {SCRIPTS}/env.sh; command -v ros2; ros2 --help", PATH=search)
     assert result.stdout.startswith(str(SCRIPTS / "ros2/bin/ros2"))
     assert "usage: ros2" in result.stdout
 

@@ -53,7 +53,7 @@ def executables(package: str) -> list[Path] | None:
 def interfaces(package: str) -> list[str]:
     """Interfaces of a package (`msg/Name`, `srv/Name`, `action/Name`), in order, none hidden."""
     index = resources("rosidl_interfaces").get(package)
-    lines = index.read_text().splitlines() if index else []
+    lines = index.read_text("utf-8").splitlines() if index else []
     return sorted(
         {
             line.rpartition(".")[0]

@@ -35,7 +35,7 @@ class Finding(NamedTuple):
         flag("--report-failed", "-rf", help="print reports of failed checks only"),
     ),
     flag("--exclude-packages", "-ep", help="has no effect: none are checked"),
-    flag("--include-warnings", "-iw", help="count warnings as failures"),
+    flag("--include-warnings", "-iw", help="count warnings as failures, and name each topic"),
     *NODE,
 )
 def main(args: argparse.Namespace) -> None:
@@ -48,7 +48,7 @@ def main(args: argparse.Namespace) -> None:
         failed = []
         for category, check in CHECKS:
             findings = list(dict.fromkeys(check(node)))
-            for finding in findings:
+            for finding in findings if args.include_warnings else in_short(findings):
                 error = "ERROR: " if finding.is_error else ""
                 print(f"ros2 doctor: UserWarning: {error}{finding.text}", file=sys.stderr)
             if any(finding.is_error or args.include_warnings for finding in findings):
@@ -60,6 +60,18 @@ def main(args: argparse.Namespace) -> None:
             print(f"\nAll {len(CHECKS)} checks passed\n")
         if args.report_failed:
             print_reports(node, set(failed))
+
+
+def in_short(findings: list[Finding]) -> list[Finding]:
+    """Return findings, those of topics that only one side uses as one.
+
+    A healthy graph has many: nobody has to listen to a robot.
+    """
+    others = [each for each in findings if "detected on" not in each.text]
+    if one_sided := len(findings) - len(others):
+        text = f"{one_sided} topics with a publisher or a subscriber alone (-iw names them)."
+        others.append(Finding(False, text))
+    return others
 
 
 def print_reports(node: Node, categories: set[str]) -> None:
@@ -77,7 +89,7 @@ def print_reports(node: Node, categories: set[str]) -> None:
 
 # ------------------------------------------------------------------ checks
 def network_findings(_: Node) -> Iterator[Finding]:
-    """Whether there are interfaces for one machine, for several, and for discovery by multicast."""
+    """Look for interfaces for one machine, for several, and for discovery by multicast."""
     flags = [int(path.read_text(), 16) for path in Path("/sys/class/net").glob("*/flags")]
     if not any(each & LOOPBACK for each in flags):
         yield Finding(True, "No loopback IP address is found.")

@@ -112,7 +112,7 @@ def definition(identifier: str, comments: bool, nested_comments: bool) -> Iterat
     package, _, name = identifier.split("/")
     if path.suffix == ".idl":
         raise LookupError(f"Only the IDL of {identifier} is installed: {path}")
-    for raw in path.read_text().splitlines():
+    for raw in path.read_text("utf-8").splitlines():
         line = raw.rstrip()
         if line == "---":
             yield line
