@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from husky_runtime import graph
+from husky_runtime import graph, record_lock
 
 _DOMAINS = range(20, 100)
 
@@ -37,16 +37,22 @@ def held_domain(name: str) -> Iterator[int]:
         number = _DOMAINS[(first + offset) % len(_DOMAINS)]
         directory = Path(graph.serial_port("tests", number)).parent
         directory.mkdir(parents=True, exist_ok=True)
-        locks = [(directory / name).open("a") for name in ("tests.lock", "vn200.lock")]
-        try:
-            for lock in locks:
+        with (directory / "tests.lock").open("a") as lock:
+            try:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            for lock in locks:
-                lock.close()
-            continue
-        locks[1].close()  # the plant's
-        with locks[0]:
+            except BlockingIOError:
+                continue
+            if any(map(_has_a_node, directory.glob("*.node"))):
+                continue
             yield number
         return
     pytest.fail(f"ROS domains {_DOMAINS} are all in use")
+
+
+def _has_a_node(file: Path) -> bool:
+    """Return whether a living node holds this file (`husky_runtime.domain_locks`)."""
+    descriptor = os.open(file, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        return record_lock.owner(descriptor) is not None
+    finally:
+        os.close(descriptor)

@@ -64,7 +64,7 @@ def hold(name: str, domain: int, namespace: str = "/") -> None:
     """
     if name in SHARED:
         return
-    descriptor = _open(_directory(domain, os.environ, namespace) / f"{name}.node")
+    descriptor = record_lock.open_file(_directory(domain, os.environ, namespace) / f"{name}.node")
     deadline = time.monotonic() + _PATIENCE
     while True:
         try:
@@ -84,13 +84,13 @@ def holder(
     name: str, domain: int, environment: Mapping[str, str], namespace: str = "/"
 ) -> int | None:
     """Return the process that holds a node's name, 0 for one in another container, or None."""
+    path = _directory(domain, environment, namespace) / f"{name}.node"
     try:
-        descriptor = os.open(
-            _directory(domain, environment, namespace) / f"{name}.node",
-            os.O_RDONLY | os.O_CLOEXEC,
-        )
+        descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
     except FileNotFoundError:
         return None
+    except PermissionError as error:
+        raise record_lock.left_by_another(path) from error
     try:
         return record_lock.owner(descriptor)
     finally:
@@ -150,7 +150,7 @@ class Claims:
     def _claim(self, name: str) -> str:
         """Claim one name; return who else has it, or nothing."""
         directory = _directory(self.domain, self._environment, self.namespace)
-        descriptor = _open(directory / f"{name}.starter")
+        descriptor = record_lock.open_file(directory / f"{name}.starter")
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -183,8 +183,3 @@ def _directory(domain: int, environment: Mapping[str, str], namespace: str) -> P
     if chosen:
         return Path(chosen + graph.dotted(namespace))
     return Path(graph.serial_port("x", domain, namespace)).parent
-
-
-def _open(path: Path) -> int:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    return os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import contextlib
 import os
+import pwd
 import signal
+import stat
 import subprocess
 import sys
-from collections.abc import Iterator
+import tempfile
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
 from husky_runtime import domain_locks as occupancy
+from husky_runtime import record_lock
 from husky_runtime.domain_locks import Claims, OccupiedError
 
 DOMAIN = 7
@@ -81,6 +85,68 @@ def test_looking_takes_nothing(environment) -> None:
     assert occupancy.holder("plant", DOMAIN, environment) is None
     with holder(environment):
         pass
+
+
+# Other users --------------------------------------------------------------------------------------
+@pytest.fixture
+def shared() -> Iterator[Path]:
+    """A directory below /tmp that everybody gets into, made under a umask that lets nobody."""
+    with tempfile.TemporaryDirectory() as parent:
+        Path(parent).chmod(0o755)
+        before = os.umask(0o077)
+        try:
+            record_lock.make_directory(Path(parent) / "husky-7")
+        finally:
+            os.umask(before)
+        yield Path(parent) / "husky-7"
+
+
+def as_another_user(action: Callable[[], object]) -> str:
+    """Return the error of an action of user nobody, or nothing."""
+    told, tell = os.pipe()
+    if (child := os.fork()) == 0:
+        error = ""
+        try:
+            os.setuid(pwd.getpwnam("nobody").pw_uid)
+            action()
+        except OSError as failure:
+            error = str(failure)
+        os.write(tell, error.encode())
+        os._exit(0)
+    os.close(tell)
+    with open(told, encoding="utf-8") as pipe:
+        error = pipe.read()
+    os.waitpid(child, 0)
+    return error
+
+
+def take(path: Path) -> int:
+    """Take a lock; return its descriptor."""
+    descriptor = record_lock.open_file(path)
+    record_lock.take(descriptor)
+    return descriptor
+
+
+def test_locks_are_files_of_everybody(shared: Path) -> None:
+    os.close(record_lock.open_file(shared / "plant.node"))
+    modes = [stat.S_IMODE(path.stat().st_mode) for path in (shared, shared / "plant.node")]
+    assert modes == [0o1777, 0o666]
+
+
+@pytest.mark.skipif(os.getuid() != 0, reason="root alone can become another user")
+def test_users_share_the_locks_of_a_domain(shared: Path) -> None:
+    """Each keeps the other out, and is named where a lock cannot be looked at."""
+    ours, theirs = shared / "plant.node", shared / "planner.node"
+    descriptor = take(ours)
+    assert "unavailable" in as_another_user(lambda: take(ours))
+    os.close(descriptor)
+    assert as_another_user(lambda: (take(ours), take(theirs))) == ""
+    os.close(take(theirs))
+    ours.chmod(0o600)
+    assert as_another_user(lambda: take(ours)) == (
+        f"{ours} belongs to user root: choose another domain with ROS_DOMAIN_ID, or, if that "
+        f"user's robot has ended, sudo rm -r {shared}"
+    )
 
 
 def test_a_starter_gets_all_names_or_none(environment, monkeypatch) -> None:

@@ -23,10 +23,11 @@ def lock(port: Path) -> int:
 
     Raises:
         FileExistsError: another process holds it.
+        PermissionError: another user does not let us.
     """
     path = path_of_lock(port)
     while True:
-        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+        descriptor = record_lock.open_file(path)
         try:
             record_lock.take(descriptor)
         except OSError as error:

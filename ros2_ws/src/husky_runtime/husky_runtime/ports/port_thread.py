@@ -113,7 +113,7 @@ class PortThread(ABC, Generic[PortT]):
             try:
                 port = self._open()
             except PORT_ERRORS as error:
-                self.error = str(error)
+                self.error = _in_words(error)
                 self._tell()
                 stopped = bool(select.select([self._wake_read], [], [], self._retry_period)[0])
                 continue
@@ -128,3 +128,10 @@ class PortThread(ABC, Generic[PortT]):
                     port.close()
             if not stopped:
                 self._tell()
+
+
+def _in_words(error: Exception) -> str:
+    """Say why a port is not open; one that does not exist yet is waited for, as at every start."""
+    if isinstance(error, FileNotFoundError) and error.filename is not None:
+        return f"waiting for {error.filename}"
+    return str(error)

@@ -11,6 +11,7 @@ import tty
 from pathlib import Path
 from typing import Protocol
 
+from husky_runtime import record_lock
 from husky_runtime.ports import port_lock
 
 _TCGETS2 = 0x802C542A
@@ -55,6 +56,7 @@ class PtyPort:
 
         Raises:
             FileExistsError: another process serves this path, or it is something else than a link.
+            PermissionError: another user has left something there.
         """
         self.path = Path(path)
         self.dropped = 0
@@ -62,7 +64,6 @@ class PtyPort:
         self._master = -1
         self._slave_name = ""
         self._speeds = bytearray(44)
-        self.path.parent.mkdir(parents=True, exist_ok=True)
         self._lock = port_lock.lock(self.path)
         try:
             self.replug()
@@ -150,7 +151,12 @@ class PtyPort:
         fresh = self.path.with_name(f".{self.path.name}.{os.getpid()}")
         fresh.unlink(missing_ok=True)
         fresh.symlink_to(self._slave_name)
-        fresh.replace(self.path)
+        try:
+            fresh.replace(self.path)
+        except PermissionError as error:
+            fresh.unlink()
+            os.close(master)
+            raise record_lock.left_by_another(self.path) from error
         self._master = master
 
     def close(self) -> None:

@@ -36,7 +36,12 @@ def open_serial(path: str, baud: int) -> SerialPort:
         ValueError: the port cannot do that rate.
     """
     check_served(path)
-    port = serial.Serial(path, baud, timeout=0.0, exclusive=True)
+    try:
+        port = serial.Serial(path, baud, timeout=0.0, exclusive=True)
+    except serial.SerialException as error:
+        if error.errno == errno.ENOENT:
+            raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), path) from error
+        raise
     with contextlib.suppress(ValueError, OSError, NotImplementedError):
         port.set_low_latency_mode(True)
     os.set_blocking(port.fileno(), False)
