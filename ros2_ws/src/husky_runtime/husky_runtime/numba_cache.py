@@ -1,7 +1,8 @@
 """numba's cache of compiled functions, sealed: code that is damaged is compiled anew, never run.
 
 numba itself reads what it finds: a flipped bit in its cache ends the process, each time that it
-starts, or runs as it is.
+starts, or runs as it is. Before it reads, it fills the tables of its compiler, and imports half of
+SciPy for them: a third of a second of each start, which only compiling needs.
 """
 
 from __future__ import annotations
@@ -22,12 +23,15 @@ _log = logging.getLogger(__name__)
 def seal_numba_cache() -> None:
     """Make numba, if this process has imported it, write and check seals; call it before compiling.
 
+    What is compiled already is loaded without the compiler's tables. Compiling fills them itself.
     The seal stands behind what numba's own readers take from a file. Where nothing can be written,
     functions are compiled in each process.
     """
     caching = sys.modules.get("numba.core.caching")
     if caching is None or hasattr(caching.IndexDataCacheFile, "husky_sealed"):
         return
+    from numba.core.runtime import nrt as runtime
+
     files, cache = caching.IndexDataCacheFile, caching.Cache
     load, save = files.load, cache.save_overload
 
@@ -56,6 +60,12 @@ def seal_numba_cache() -> None:
         yield content
         write_sealed(Path(path), content.getvalue())
 
+    def load_alone(self: Any, signature: Any, target: Any) -> Any:
+        # What compiled code may refer to outside of itself: functions that allocate arrays.
+        runtime.rtsys.initialize(target)
+        with self._guard_against_spurious_io_errors():
+            return self._load_overload(signature, target)
+
     def patient_save(self: Any, *arguments: Any) -> None:
         try:
             save(self, *arguments)
@@ -63,5 +73,5 @@ def seal_numba_cache() -> None:
             _log.warning("compiled functions are not kept: %s", error)
 
     files.load, files._open_for_write = checked_load, sealed_write
-    cache.save_overload = patient_save
+    cache.load_overload, cache.save_overload = load_alone, patient_save
     files.husky_sealed = True

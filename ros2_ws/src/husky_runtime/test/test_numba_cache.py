@@ -72,3 +72,22 @@ def test_damaged_functions_are_compiled_anew_not_run(tmp_path: Path) -> None:
     assert run.stdout == "done\n", run.stderr
     assert run.stderr.count("compiled anew") == 15
     assert "not kept: [Errno 27] File too large" in run.stderr
+
+
+_LOADER = """
+import sys
+sys.path.insert(0, ".")
+import module
+from husky_runtime.numba_cache import seal_numba_cache
+seal_numba_cache()
+assert module.f(2.0) == 5.0
+print("numba.np.arraymath" in sys.modules, "scipy.linalg" in sys.modules)
+"""
+
+
+def test_compiled_functions_are_loaded_without_the_compiler(tmp_path: Path) -> None:
+    (tmp_path / "module.py").write_text(_MODULE)
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    loader = [sys.executable, "-c", _LOADER]
+    for said in ("True True\n", "False False\n"):
+        assert subprocess.check_output(loader, cwd=tmp_path, env=environment, text=True) == said

@@ -40,8 +40,10 @@ from husky_runtime.nodes.service_desk import ServiceDesk
 
 _QUIET_NS = 2_000_000
 """Longest wait on hot entities before the rest of the node is looked at [ns]."""
-_IDLE_AFTER = 100
+_IDLE_AFTER = 25
 """Quiet waits in a row after which the full wait set is used."""
+_IDLE_NS = 10_000_000
+"""Longest wait on everything then [ns]: bounds how late a node looks at wires that wake nobody."""
 _REST_EVERY = 16
 """Hot messages between two looks at the rest of the node."""
 _POLL_NS = 50_000_000
@@ -132,9 +134,9 @@ class WaitSetExecutor:
             self._look_at_rest().serve()
             return
         if self._quiet_waits > _IDLE_AFTER:
-            self._look_at_rest().wait(_POLL_NS)
+            # It stays so until something hot comes.
+            self._look_at_rest().wait(_IDLE_NS)
             self._look_at_rest().serve()
-            self._quiet_waits = 0
         self._serve_hot_or_wait()
         if self._served >= _REST_EVERY or self._quiet_waits > 0:
             self._served = 0
@@ -169,7 +171,11 @@ class WaitSetExecutor:
                 self._on_quiet()
 
     def _serve_hot(self) -> bool:
-        """Serve the hot message that came first, what is on wires, and the timers that are due."""
+        """Serve the hot message that came first, what is on wires, and the timers that are due.
+
+        Returns:
+            Whether there was a message or something on a wire: timers alone make no node busy.
+        """
         served = False
         first = self._first()
         if first is not None:
@@ -183,7 +189,6 @@ class WaitSetExecutor:
         for timer in self._hot_timers:
             if _serve_timer(timer):
                 self._served += 1
-                served = True
         return served
 
     def _first(self) -> HeldSubscription | None:

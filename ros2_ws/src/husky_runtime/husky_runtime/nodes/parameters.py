@@ -6,6 +6,7 @@ from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 
 from husky_description.robot import ROBOTS, Robot, load_robot
 from husky_description.sections import MOUNTINGS
@@ -37,6 +38,8 @@ def declare(
         allowed: the words that a string parameter may be, empty for any.
         constraints: the same in words, where the caller looks at the value.
 
+    An integer that the command line gives is taken for a number.
+
     Raises:
         InvalidParameterValueException: value outside the range, raised by rclpy with the range.
         ValueError: a word that is not allowed, or a list that should be one of texts.
@@ -55,6 +58,10 @@ def declare(
                 FloatingPointRange(from_value=float(lower), to_value=float(upper), step=0.0)
             ]
     descriptor.dynamic_typing = default == []  # which rclpy would take for one of bytes
+    given = node._parameter_overrides.get(name)
+    if isinstance(default, float) and given is not None and type(given.value) is int:
+        # rclpy would refuse 300 for 300.0.
+        node._parameter_overrides[name] = Parameter(name, value=float(given.value))
     value = node.declare_parameter(name, default, descriptor).value
     if default == [] and not (isinstance(value, list) and all(isinstance(v, str) for v in value)):
         raise ValueError(f"parameter {name} is {value!r}, it must be a list of texts")

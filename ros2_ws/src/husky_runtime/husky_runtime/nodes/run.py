@@ -5,8 +5,8 @@ from __future__ import annotations
 import contextlib
 import faulthandler
 import gc
-import inspect
 import os
+import re
 import signal
 import sys
 import threading
@@ -16,8 +16,11 @@ from typing import Protocol
 
 import rclpy
 import rclpy.utilities
+from rclpy._rclpy_pybind11 import UnknownROSArgsError
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.executors import ExternalShutdownException
+from rclpy.impl.logging_severity import LoggingSeverity
+from rclpy.logging import set_logger_level
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
@@ -63,14 +66,31 @@ def run(make_node: Callable[[], HotNode], args: Sequence[str] | None = None) -> 
     what is allowed; so does a node of that name that runs already in this domain.
     """
     starter.end_with_starter()
-    rclpy.init(
-        args=[*(sys.argv if args is None else args), *_OWN_CLOCK],
-        signal_handler_options=SignalHandlerOptions.NO,
-    )
+    # The part of rosidl that a node needs imports the generator of messages' code too, if it is
+    # there, with a parser and a grammar: 25 ms of each start.
+    sys.modules.setdefault("rosidl_generator_py.generate_py_impl", None)  # type: ignore[arg-type]
+    set_logger_level("rcl", LoggingSeverity.FATAL)  # what it says twice otherwise
+    try:
+        rclpy.init(
+            args=[*(sys.argv if args is None else args), *_OWN_CLOCK],
+            signal_handler_options=SignalHandlerOptions.NO,
+        )
+    except RuntimeError as error:  # rclpy's own errors are that
+        print(f"error: {_in_one_line(error)}", file=sys.stderr)
+        return 1
+    set_logger_level("rcl", LoggingSeverity.INFO)
     try:
         return _spin(make_node, sys.argv[1:] if args is None else args)
     finally:
         rclpy.utilities.try_shutdown()
+
+
+def _in_one_line(error: RuntimeError) -> str:
+    """Return what rclpy says of a command line, without the places in the source of rcl."""
+    if isinstance(error, UnknownROSArgsError):
+        return f"unknown behind --ros-args: {error}"
+    said = re.sub(r",? at /\S+:[0-9]+", "", str(error).removeprefix("failed to initialize rcl: "))
+    return " ".join(said.removesuffix(" Error: error not set").split())
 
 
 def _spin(make_node: Callable[[], HotNode], args: Sequence[str]) -> int:
@@ -101,8 +121,6 @@ def _spin(make_node: Callable[[], HotNode], args: Sequence[str]) -> int:
         return 1
     timers = list(getattr(node, "hot_timers", ()))
     executor = WaitSetExecutor(node, list(node.hot), node.quiet, timers, stop)
-    # The first line of a log looks up every module's file: 75 ms, which are not a tick's.
-    inspect.getframeinfo(sys._getframe())
     # Everything made so far lives as long as the process: leave it out of every collection.
     gc.collect()
     gc.freeze()

@@ -72,9 +72,9 @@ def given(name: str, namespace: str, arguments: Sequence[str]) -> Iterator[str]:
 
 def _in_file(path: Path, names: set[str]) -> Iterator[str]:
     """Yield the parameters that a file, which rcl has read already, has for a node by its name."""
-    for node, section in (yaml.safe_load(path.read_text()) or {}).items():
+    for node, section in (yaml.safe_load(path.read_text("utf-8")) or {}).items():
         if node in names:
-            yield from _flat(section.get("ros__parameters", {}))
+            yield from _flat((section or {}).get("ros__parameters") or {})
 
 
 def _flat(section: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
