@@ -123,7 +123,7 @@ LISTS = (  # what they print is looked at in parts
     "service list -t",
     "service list -c",
     "interface packages -a",
-    "doctor -ep",
+    "doctor -ep -iw",
     "doctor -r -ep",
 )
 

@@ -24,6 +24,7 @@ from typing import Any, TypeVar
 import loop
 import numpy as np
 
+from husky_bringup.settings import HelpFormatter
 from husky_bringup.system import NodeSpec
 from husky_experiments.session import Session, SessionError
 from husky_runtime import graph
@@ -58,7 +59,7 @@ def bench(arguments: list[str]) -> dict[str, Any]:
     - `rate_hz`, `bandwidth_kB_per_s`: drawings and bytes that come to the page, of wall time;
     - `cpu_share`, `cpu_share_unseen`: processors that the console takes.
     """
-    parser = argparse.ArgumentParser(prog="scripts/bench.sh console")
+    parser = argparse.ArgumentParser(prog="scripts/bench.sh console", formatter_class=HelpFormatter)
     parser.add_argument("--seconds", type=float, default=4.0, help="wall time measured at once [s]")
     parser.add_argument("--rounds", type=int, default=5, help="relay and graph in turn")
     options = parser.parse_args(arguments)

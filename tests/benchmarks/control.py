@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from husky_bringup.settings import HelpFormatter
 from husky_runtime import graph
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "closed_loop"))
@@ -18,7 +19,7 @@ from in_process import InProcessRobot
 
 def bench(arguments: list[str]) -> dict[str, Any]:
     """Time of the controller's tick while trotting, and its share of the 2 ms period."""
-    parser = argparse.ArgumentParser(prog="scripts/bench.sh control")
+    parser = argparse.ArgumentParser(prog="scripts/bench.sh control", formatter_class=HelpFormatter)
     parser.add_argument("--seconds", type=float, default=20.0, help="simulated time [s]")
     parser.add_argument("--speed", type=float, default=0.5, help="[m/s]")
     options = parser.parse_args(arguments)

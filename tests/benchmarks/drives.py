@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from husky_bringup.settings import HelpFormatter
 from husky_description.robot import load_robot
 from husky_drivers.ethercat.axes import settings_of
 from husky_drivers.ethercat.master import Master
@@ -19,7 +20,7 @@ from husky_sim.devices.drives.segment import SimulatedSegment
 
 def bench(arguments: list[str]) -> dict[str, Any]:
     """Cycles of 12 drives simulated per wall second: master, frames, state machines, servo law."""
-    parser = argparse.ArgumentParser(prog="scripts/bench.sh drives")
+    parser = argparse.ArgumentParser(prog="scripts/bench.sh drives", formatter_class=HelpFormatter)
     parser.add_argument("--ticks", type=int, default=5000, help="control ticks in each round")
     parser.add_argument("--rounds", type=int, default=7)
     options = parser.parse_args(arguments)

@@ -27,6 +27,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Twist
 
 from husky_bringup.processes import Processes
+from husky_bringup.settings import HelpFormatter
 from husky_bringup.system import simulated_robot
 from husky_experiments.scripts import assist, ready_fans, stand_up, walk
 from husky_experiments.session import Session
@@ -47,7 +48,7 @@ _COMMAND_PERIOD = 0.08
 
 def bench(arguments: list[str]) -> dict[str, Any]:
     """Walking graph in lockstep: real-time factor, tick over bare relay, CPU, latency."""
-    parser = argparse.ArgumentParser(prog="scripts/bench.sh loop")
+    parser = argparse.ArgumentParser(prog="scripts/bench.sh loop", formatter_class=HelpFormatter)
     parser.add_argument("--seconds", type=float, default=8.0, help="wall time measured a round [s]")
     parser.add_argument("--rounds", type=int, default=5, help="relay and graph in turn")
     parser.add_argument(

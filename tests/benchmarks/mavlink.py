@@ -18,6 +18,7 @@ from rclpy.node import Node
 from std_srvs.srv import SetBool
 
 from husky_bringup.processes import Processes
+from husky_bringup.settings import HelpFormatter
 from husky_bringup.system import NodeSpec
 from husky_msgs.msg import FanCommand, FlightSensors, PropulsionCommand, PropulsionState
 from husky_msgs.srv import SetFlightMode
@@ -41,7 +42,7 @@ _AT_ONCE = 32
 
 def bench(arguments: list[str]) -> dict[str, Any]:
     """Thrust command to pulses: latency over MAVLink; messages per second of the autopilot."""
-    parser = argparse.ArgumentParser(prog="scripts/bench.sh mavlink")
+    parser = argparse.ArgumentParser(prog="scripts/bench.sh mavlink", formatter_class=HelpFormatter)
     parser.add_argument("--steps", type=int, default=60, help="steps of thrust measured")
     parser.add_argument("--seconds", type=float, default=5.0, help="of questions and answers")
     options = parser.parse_args(arguments)
@@ -77,9 +78,7 @@ class _World:
         self.node = Node("bench", context=self.context)
         self.executor = SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)
-        self._sensors = self.node.create_publisher(
-            FlightSensors, graph.FLIGHT_SENSORS, qos.CONTROL
-        )
+        self._sensors = self.node.create_publisher(FlightSensors, graph.FLIGHT_SENSORS, qos.CONTROL)
         self._commands = self.node.create_publisher(
             PropulsionCommand, graph.PROPULSION_COMMAND, qos.CONTROL
         )

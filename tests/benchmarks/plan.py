@@ -13,6 +13,7 @@ import numpy as np
 from scipy.optimize import Bounds, NonlinearConstraint, minimize
 from scipy.sparse import csc_array, csr_array, triu
 
+from husky_bringup.settings import HelpFormatter
 from husky_control.planning.collocation.cycle import make_formulation
 from husky_control.planning.collocation.problem import Problem
 from husky_control.planning.collocation.request import (
@@ -40,7 +41,7 @@ Clock = Callable[[], float]
 
 def bench(arguments: list[str]) -> dict[str, Any]:
     """Time to plan a cycle on a slope, cold and warm; SciPy's trust-constr on the same problem."""
-    parser = argparse.ArgumentParser(prog="scripts/bench.sh plan")
+    parser = argparse.ArgumentParser(prog="scripts/bench.sh plan", formatter_class=HelpFormatter)
     parser.add_argument("--slope", type=float, default=30.0, help="[deg]")
     parser.add_argument("--speed", type=float, default=0.3, help="[m/s]")
     parser.add_argument("--repeats", type=int, default=20, help="cold solutions")

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from husky_bringup.settings import HelpFormatter
 from husky_description.plain_mujoco import mujoco
 from husky_description.robot import load_robot
 from husky_drivers.vn200.imu import ImuFigures
@@ -19,7 +20,7 @@ from husky_sim.world import World, WorldOptions
 
 def bench(arguments: list[str]) -> dict[str, Any]:
     """Physics steps per second in the plant's loop over bare mj_step, standing."""
-    parser = argparse.ArgumentParser(prog="scripts/bench.sh plant")
+    parser = argparse.ArgumentParser(prog="scripts/bench.sh plant", formatter_class=HelpFormatter)
     parser.add_argument("--rounds", type=int, default=15, help="of both, in turn")
     parser.add_argument("--ticks", type=int, default=500, help="in each round")
     options = parser.parse_args(arguments)

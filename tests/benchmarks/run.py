@@ -31,10 +31,13 @@ BENCHES: dict[str, Callable[[list[str]], dict[str, Any]]] = {
 
 def main(arguments: list[str]) -> int:
     """Run the benchmark that is named first."""
-    if not arguments or arguments[0] not in BENCHES:
-        print("usage: scripts/bench.sh NAME\n")
+    if not arguments or arguments[0] in ("-h", "--help", "list"):
+        print("usage: scripts/bench.sh NAME [--option value ...]\n")
         for name, bench in BENCHES.items():
-            print(f"  {name:<8} {(bench.__doc__ or '').splitlines()[0]}")
+            print(f"  {name:<8} {(bench.__doc__ or '').partition(chr(10))[0]}")
+        return 0
+    if arguments[0] not in BENCHES:
+        print(f"error: no benchmark {arguments[0]!r}: {', '.join(BENCHES)}", file=sys.stderr)
         return 2
     try:
         metrics = BENCHES[arguments[0]](arguments[1:])

@@ -3,62 +3,32 @@
 from __future__ import annotations
 
 import argparse
+import os
 import re
 import signal
 import sys
 import time
-from collections.abc import Sequence
-
-import yaml
+from collections.abc import Callable, Sequence
+from pathlib import Path
 
 from husky_bringup.front import end_by_signals
+from husky_bringup.neighbours import discovery
 from husky_bringup.processes import Processes
-from husky_bringup.system import TIMES, NodeSpec, ParameterValue, simulated_robot
+from husky_bringup.settings import (
+    HelpFormatter,
+    Settings,
+    add_set_option,
+    check_parameter_file,
+    collect,
+)
+from husky_bringup.system import TIMES, NodeSpec, simulated_robot
 from husky_description.robot import ROBOTS
 from husky_runtime import graph
-from husky_runtime.domain_locks import OccupiedError
-
-Settings = dict[str, dict[str, ParameterValue]]
+from husky_runtime.domain_locks import domain_of
 
 _NAMESPACE = re.compile(r"/|/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*", re.ASCII)
 _LOOK_PERIOD = 0.1
 """Wall time between two looks at the nodes [s]."""
-
-
-def parse_setting(text: str) -> tuple[str, str, ParameterValue]:
-    """Read `NODE.PARAMETER=VALUE`, the value as YAML.
-
-    Raises:
-        argparse.ArgumentTypeError: anything else.
-    """
-    target, equals, value = text.partition("=")
-    node, dot, parameter = target.partition(".")
-    if not (equals and dot and node and parameter):
-        raise argparse.ArgumentTypeError(f"{text!r} is not NODE.PARAMETER=VALUE")
-    parsed = yaml.safe_load(value)
-    if not isinstance(parsed, bool | int | float | str):
-        raise argparse.ArgumentTypeError(f"{value!r} is not a number, a word, true or false")
-    return node, parameter, parsed
-
-
-def add_set_option(parser: argparse.ArgumentParser, help_text: str) -> None:
-    """Declare `--set NODE.PARAMETER=VALUE`, a list of what `parse_setting` returns."""
-    parser.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        type=parse_setting,
-        metavar="NODE.PARAMETER=VALUE",
-        help=help_text,
-    )
-
-
-def collect(settings: Sequence[tuple[str, str, ParameterValue]]) -> Settings:
-    """Sort single settings by node."""
-    result: Settings = {}
-    for node, parameter, value in settings:
-        result.setdefault(node, {})[parameter] = value
-    return result
 
 
 def leave_out(specs: Sequence[NodeSpec], names: Sequence[str]) -> tuple[NodeSpec, ...]:
@@ -122,6 +92,7 @@ def make_parser() -> argparse.ArgumentParser:
         prog="scripts/bringup.sh",
         description="Start every node of the simulated robot; Ctrl-C ends them all, "
         "and so does the end of one.",
+        formatter_class=HelpFormatter,
     )
     add_robot_options(parser)
     parser.add_argument("--console", action="store_true", help="with a page for the browser")
@@ -155,9 +126,9 @@ def parse_namespace(text: str) -> str:
     return f"/{text.strip('/')}"
 
 
-def watch(processes: Processes) -> dict[str, int]:
-    """Wait until nodes end, whichever; return their exit codes."""
-    while not (codes := processes.ended()):
+def watch(processes: Processes, done: Callable[[], bool] = lambda: False) -> dict[str, int]:
+    """Wait until nodes end, whichever, or until something is done; return their exit codes."""
+    while not (codes := processes.ended()) and not done():
         time.sleep(_LOOK_PERIOD)
     return codes
 
@@ -170,20 +141,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = make_parser()
     options = parser.parse_args(arguments)
     try:
+        if options.params_file is not None:
+            check_parameter_file(Path(options.params_file))
         specs = leave_out(robot_of(options, console=options.console), options.without)
     except ValueError as error:
         parser.error(str(error))
     try:
-        with Processes(
-            params_file=options.params_file, namespace=options.namespace
-        ) as processes:
+        with Processes(params_file=options.params_file, namespace=options.namespace) as processes:
             processes.start_all(specs)
-            names = ", ".join(sorted(spec.name for spec in specs))
-            print(f"started {names}; Ctrl-C ends them", flush=True)
-            for name, code in watch(processes).items():
+            names = {spec.name for spec in specs}
+            print(f"starting {', '.join(sorted(names))}; Ctrl-C ends them", flush=True)
+            with discovery(domain_of(os.environ), options.namespace) as seen:
+                codes = watch(processes, lambda: names <= seen())
+            if not codes:
+                print(f"ready: {len(names)} nodes", flush=True)
+                codes = watch(processes)
+            for name, code in codes.items():
                 print(f"{name} has ended with {_told(code)}", file=sys.stderr, flush=True)
             print("ending the others", file=sys.stderr, flush=True)
-    except (OccupiedError, ValueError) as error:
+    except (OSError, ValueError) as error:
         print(f"error: {error}", file=sys.stderr)
     return 1
 

@@ -294,7 +294,7 @@ def _label(row: Transition) -> str:
 # Command line ---------------------------------------------------------------------------------
 def changes(root: Path, nodes: Graph) -> dict[Path, tuple[str, str]]:
     """Return text before and after of each document whose tables are not as the graph is."""
-    texts = {path: path.read_text() for path in documents(root)}
+    texts = {path: path.read_text("utf-8") for path in documents(root)}
     new = {path: rewrite(text, nodes) for path, text in texts.items()}
     return {path: (texts[path], new[path]) for path in texts if new[path] != texts[path]}
 
@@ -320,7 +320,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for path, (before, after) in changed.items():
         print(difference(before, after, path.relative_to(options.root)))
         if not options.check:
-            path.write_text(after)
+            path.write_text(after, "utf-8")
     return 1 if changed and options.check else 0
 
 

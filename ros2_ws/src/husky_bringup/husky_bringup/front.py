@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 import runpy
+import select
 import signal
 import sys
 from types import FrameType
@@ -45,6 +46,13 @@ def end_if_asked() -> None:
         raise SystemExit(128 + starter.asked_to_end[-1])
 
 
+def _is_read(pipe: int) -> bool:
+    """Return whether a pipe still has a reader; before `| head` standard output soon has none."""
+    poller = select.poll()
+    poller.register(pipe, 0)
+    return not any(event & select.POLLERR for _, event in poller.poll(0))
+
+
 def main() -> None:
     """Run the module or file that the command line names."""
     arguments = sys.argv[1:]
@@ -55,8 +63,16 @@ def main() -> None:
             runpy.run_module(arguments[1], run_name="__main__", alter_sys=True)
         else:
             sys.argv = arguments
-            sys.path[0] = os.path.dirname(os.path.abspath(arguments[0]))
+            if not sys.flags.safe_path:
+                del sys.path[0]
+            sys.path.insert(0, os.path.dirname(os.path.abspath(arguments[0])))
             runpy.run_path(arguments[0], run_name="__main__")
+        sys.stdout.flush()
+    except BrokenPipeError:
+        if not _is_read(sys.stdout.fileno()):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            raise SystemExit(128 + signal.SIGPIPE) from None
+        raise
     finally:
         end_if_asked()
 

@@ -1,14 +1,15 @@
-"""Nodes of this robot that run in our ROS domain on other machines, as DDS discovery tells.
+"""Nodes in our ROS domain, as DDS discovery tells: ours, and the same robot's on another machine.
 
-On this machine the locks of `husky_runtime.domain_locks` tell at once and for certain, so nobody
-listens where discovery does not reach further.
+On this machine the locks of `husky_runtime.domain_locks` tell of another robot at once and for
+certain, so nobody listens where discovery does not reach further.
 """
 
 from __future__ import annotations
 
 import os
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 
 from husky_runtime.domain_locks import SHARED, occupied
 
@@ -43,8 +44,9 @@ def refuse_neighbours(
         raise occupied(domain, dict.fromkeys(heard, "on another machine"), namespace)
 
 
-def _listen(awaited: set[str], domain: int, namespace: str) -> set[str]:
-    """Return the names of the nodes that are heard, as soon as one of those awaited is."""
+@contextmanager
+def discovery(domain: int, namespace: str = "/") -> Iterator[Callable[[], set[str]]]:
+    """Join a domain; give a function that returns the names of the nodes in a namespace."""
     import rclpy
     from rclpy.context import Context
     from rclpy.node import Node
@@ -59,14 +61,19 @@ def _listen(awaited: set[str], domain: int, namespace: str) -> set[str]:
                 name for name, where in node.get_node_names_and_namespaces() if where == namespace
             }
 
+        yield names
+        node.destroy_node()
+    finally:
+        rclpy.shutdown(context=context)
+
+
+def _listen(awaited: set[str], domain: int, namespace: str) -> set[str]:
+    """Return which of the nodes awaited are heard, as soon as one of them is."""
+    with discovery(domain, namespace) as names:
         end = time.monotonic() + _LISTENING
         while time.monotonic() < end:
             if awaited & names():
                 time.sleep(_GATHERING)
                 break
             time.sleep(0.02)
-        heard = names()
-        node.destroy_node()
-        return heard & awaited
-    finally:
-        rclpy.shutdown(context=context)
+        return awaited & names()

@@ -76,7 +76,8 @@ _ESCAPES = {"\x1b[A": "w", "\x1b[B": "s", "\x1b[C": "e", "\x1b[D": "q"}
 HELP = """hold:  w s forward, back    a d left, right    q e turn    (or the arrow keys)
 press: u stand up   j sit   g next gait   space stop   r recover   t right itself
        n reset simulation   x EMERGENCY STOP
-hold C for 1 s: CUT the power (category 0 of IEC 60204-1): the robot falls"""
+hold C for 1 s: CUT the power (category 0 of IEC 60204-1): the robot falls
+Ctrl-C: end this program; the robot stops walking and stands"""
 
 
 def split_keys(text: str) -> list[str]:

@@ -11,8 +11,9 @@ from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from husky_bringup.bringup import Settings, collect, parse_namespace, parse_setting
+from husky_bringup.bringup import parse_namespace
 from husky_bringup.neighbours import refuse_neighbours
+from husky_bringup.settings import Settings, collect, parse_setting
 from husky_bringup.system import TIMES, simulated_robot
 from husky_description.robot import ROBOTS
 from husky_runtime import graph, starter

@@ -55,7 +55,7 @@ def test_bad_body_and_node():
 
 @pytest.mark.parametrize(
     ("value", "text"),
-    [(True, "true"), (1.0, "1.0"), ("a", "a"), ("", '""'), ((0.1, 2.0), "[0.1, 2.0]")],
+    [(True, "true"), (1.0, "1.0"), ("a", '"a"'), ("", '""'), ((0.1, 2.0), "[0.1, 2.0]")],
 )
 def test_values_keep_their_types(value, text):
     assert to_yaml(value) == text

@@ -46,7 +46,7 @@ def command(arguments: Sequence[str] | None = None) -> list[str]:
     if options.bag is not None:
         given["namespace"] = options.namespace
         words = [f"--{n}={value}" for n, value in given.items() if value is not None]
-        program = ("-m", "husky_bringup.front", "-m", "husky_bringup.nodes.replay")
+        program = ("-P", "-m", "husky_bringup.front", "-m", "husky_bringup.nodes.replay")
         return [sys.executable, *program, *words, "--", options.bag]
     parameters: dict[str, ParameterValue] = {n: v for n, v in given.items() if v is not None}
     if options.hardware:

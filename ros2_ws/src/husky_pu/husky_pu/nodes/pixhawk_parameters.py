@@ -78,6 +78,6 @@ def _load_key(path: str) -> bytes:
     if not path:
         return b""
     try:
-        return read_key(Path(path).read_text())
+        return read_key(Path(path).read_text("utf-8"))
     except ValueError as error:
         raise ValueError(f"parameter signing_key, file {path}: {error}") from None

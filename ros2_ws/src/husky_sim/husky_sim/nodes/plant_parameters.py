@@ -46,7 +46,7 @@ def declare_and_build_world(node: Node) -> World:
     what = "velocity of the air in world [m/s]; at zero the air is left out"
     world.blow(declare(node, "wind", [0.0, 0.0, 0.0], what, read_only=False))
     if scene:
-        Path(scene).write_text(world.scene_xml)
+        Path(scene).write_text(world.scene_xml, "utf-8")
     return world
 
 

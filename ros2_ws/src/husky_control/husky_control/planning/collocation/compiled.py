@@ -93,7 +93,7 @@ def _compile(compiler: str, source: str, library: Path) -> None:
     library.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=library.parent) as scratch:
         code, built = Path(scratch) / "code.c", Path(scratch) / "code.so"
-        code.write_text(source)
+        code.write_text(source, "utf-8")
         subprocess.run(
             [compiler, *FLAGS, str(code), "-o", str(built), "-lm"],
             check=True,
