@@ -8,8 +8,8 @@ import os
 import sys
 from pathlib import Path
 
-from husky_bringup.bringup import add_set_option
 from husky_bringup.front import end_by_signals
+from husky_bringup.settings import HelpFormatter, add_set_option
 from husky_experiments import catalogue as experiments
 from husky_experiments.run import Run
 from husky_experiments.session import SessionError
@@ -26,9 +26,9 @@ def main(arguments: list[str]) -> int:
     if not arguments or arguments[0] in ("-h", "--help", "list"):
         print("usage: scripts/experiment.sh NAME [--option value ...]\n")
         for name in experiments.names():
-            summary = (experiments.find(name).__doc__ or "").splitlines()[0]
+            summary = (experiments.find(name).__doc__ or "").partition("\n")[0]
             print(f"  {name:<14} {summary}")
-        return 0 if arguments else 2
+        return 0
     name = arguments[0]
     try:
         experiment = experiments.find(name)
@@ -37,7 +37,9 @@ def main(arguments: list[str]) -> int:
         return 2
     seal_numba_cache()
     parser = argparse.ArgumentParser(
-        prog=f"scripts/experiment.sh {name}", description=experiment.__doc__
+        prog=f"scripts/experiment.sh {name}",
+        description=experiment.__doc__,
+        formatter_class=HelpFormatter,
     )
     parser.add_argument("--output", type=Path, default=Path("out") / name, help="result directory")
     parser.add_argument("--no-video", action="store_true", help="do not render a video")
@@ -58,15 +60,16 @@ def main(arguments: list[str]) -> int:
     except OSError as error:
         print(f"error: --output: {error}", file=sys.stderr)
         return 2
-    try:
-        experiment.run(run)
-    except SessionError as error:
-        run.fail(str(error))
-    except OSError as error:
-        if error.errno not in _DISK:
-            raise
-        run.fail(f"{error.filename or run.output}: {error.strerror}")
-    return run.finish()
+    with run:
+        try:
+            experiment.run(run)
+        except SessionError as error:
+            run.fail(str(error))
+        except OSError as error:
+            if error.errno not in _DISK:
+                raise
+            run.fail(f"{error.filename or run.output}: {error.strerror}")
+        return run.finish()
 
 
 if __name__ == "__main__":

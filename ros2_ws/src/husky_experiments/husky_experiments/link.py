@@ -19,7 +19,6 @@ from husky_bringup.processes import Nodes, Processes
 from husky_bringup.system import NodeSpec
 from husky_experiments.discovery import processes_of, servers, subscribers
 from husky_runtime import graph
-from husky_runtime.domain_locks import OccupiedError
 from husky_runtime.nodes import qos
 from husky_runtime.patient_clock import PatientClock
 
@@ -96,7 +95,7 @@ class GraphLink:
         try:
             # First: where a graph is there already, not even our own node joins it.
             self.processes.start_all(specs)
-        except (OccupiedError, ValueError) as error:
+        except (OSError, ValueError) as error:
             raise SessionError(str(error)) from error
         self._join(name)
         self._services: dict[str, Client] = {
@@ -216,7 +215,7 @@ class GraphLink:
     def _check_processes(self) -> None:
         for name, code in self.processes.ended().items():
             log = self._output / "logs" / f"{name}.log"
-            text = log.read_text(errors="replace") if log.exists() else "no log"
+            text = log.read_text("utf-8", "replace") if log.exists() else "no log"
             lines = text.splitlines()
             if lines and lines[-1].startswith("error: "):  # it has said why
                 raise SessionError(f"{name} has ended with code {code}: {lines[-1][7:]}")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import shutil
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -13,9 +12,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from husky_bringup.bringup import collect
+from husky_bringup.settings import collect
 from husky_bringup.system import ParameterValue, simulated_robot
 from husky_description.robot import ROBOTS, Robot, load_robot
+from husky_experiments.output_directory import OutputDirectory
 from husky_experiments.recordings.recording import Recording
 from husky_experiments.session import Session, SessionError
 from husky_runtime import graph
@@ -23,8 +23,8 @@ from husky_runtime.stored_file import write_atomically
 
 SCENE_FILE = "scene.xml"
 """The world of a recording, saved by the plant beside the bag."""
-RESULT_FILE, _BEGUN = "result.json", ".begun"
-"""What a run ends with, and what marks its directory until then."""
+RESULT_FILE = "result.json"
+"""What a run ends with."""
 _GRACE = 10.0
 """Wall time for which nodes wait for each other [s]: an experiment is no test of a busy machine."""
 _WAITING = (
@@ -38,7 +38,7 @@ _WAITING = (
 
 
 class Run:
-    """What an experiment fills.
+    """What an experiment fills; a context, at whose end its directory is in order.
 
     Attributes:
         options: the parsed command line.
@@ -52,6 +52,7 @@ class Run:
 
         Raises:
             FileExistsError: it holds something else than an earlier run.
+            OSError: it cannot be made.
         """
         self.name = name
         self.options = options
@@ -63,13 +64,17 @@ class Run:
         self._robot = ROBOTS[0]
         self._started = time.monotonic()
         self._simulated = 0.0
-        if self.output.exists():
-            earlier = any((self.output / mark).exists() for mark in (_BEGUN, RESULT_FILE))
-            if any(self.output.iterdir()) and not earlier:
-                raise FileExistsError(f"{self.output} holds something else than an earlier run")
-            shutil.rmtree(self.output)
-        self.output.mkdir(parents=True)
-        (self.output / _BEGUN).touch()
+        self._directory = OutputDirectory(self.output)
+        if self._directory.notice:
+            self.say(self._directory.notice)
+
+    def __enter__(self) -> Run:
+        """Return itself."""
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        """Leave the output directory with what was written, or as it was."""
+        self._directory.leave()
 
     # The graph ------------------------------------------------------------------------------
     @contextmanager
@@ -118,6 +123,7 @@ class Run:
 
         where = directory.resolve()
         with Session(where, chosen, record=record, on_advance=advanced, remote=remote) as session:
+            self._directory.begun()
             yield session
         if record:
             self.metrics["trajectory_sha256"] = session.trajectory_sha256
@@ -213,7 +219,8 @@ class Run:
             write_atomically(
                 self.output / RESULT_FILE, (json.dumps(result, indent=2) + "\n").encode()
             )
-            print(f"results in {self.output}/")
+            waits = self._directory.waits
+            print(f"{self.output}/ is as it was" if waits else f"results in {self.output}/")
         except OSError as error:
             ok = False
             print(f"error: {self.output / RESULT_FILE}: {error.strerror}", file=sys.stderr)
