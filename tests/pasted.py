@@ -1,4 +1,4 @@
-"""README's shell blocks, and a shell into which they are pasted line by line."""
+"""Shell blocks of documents, and a shell into which they are pasted line by line."""
 
 import contextlib
 import os
@@ -13,16 +13,23 @@ from pathlib import Path
 from husky_runtime import graph
 
 ROOT = Path(__file__).resolve().parents[1]
+FIRST_DAY, OPERATOR = "docs/first_day.md", "docs/operator.md"
+SIT_AGAIN = """
+ros2 service call /plant/reset husky_msgs/srv/ResetWorld "{seed: -1}"
+ros2 service call /drives/reset_faults std_srvs/srv/Trigger
+ros2 topic echo --once --field mode --filter "m == 'passive'" /controller/state
+""".lstrip()
 PATIENCE = {"lockstep": 120.0, "realtime": 40.0}
 """Wall time for a command, on any machine, and on one that keeps real time [s]."""
 
 
-def blocks(heading):
-    """The fenced blocks of a section."""
-    text = (ROOT / "README.md").read_text()
-    section = re.search(rf"^## {heading}$(.*?)^## ", text, re.MULTILINE | re.DOTALL)
+def blocks(heading, document="README.md", language=""):
+    """Return the fenced blocks of a section in a language, "" for what is typed into a shell."""
+    text = (ROOT / document).read_text()
+    section = re.search(rf"^## {heading}$(.*?)(?=^## |\Z)", text, re.MULTILINE | re.DOTALL)
     assert section, heading
-    return re.findall(r"^```\n(.*?)^```", section[1], re.MULTILINE | re.DOTALL)
+    fenced = re.findall(r"^```(\w*)\n(.*?)^```$", section[1], re.MULTILINE | re.DOTALL)
+    return [block for name, block in fenced if name == language]
 
 
 def transcript(block):
@@ -85,24 +92,33 @@ def shell(clock):
         process.wait()
 
 
-def look_inside(clock, log):
-    """Start the robot as the section says, its output into a file, and do what it does."""
-    bringup, told = blocks("Look inside")
-    command = re.sub(r"#.*|--time \w+", "", bringup).split()
-    steps = transcript(told)
+def paste_block(paste, block):
+    """Paste a block; what it shows must be printed, and no request may fail that is not shown."""
+    if block.startswith("$ "):
+        for line, wanted in transcript(block):
+            printed, _ = paste(line)
+            assert alike(printed.splitlines()) == alike(wanted), f"{line} printed {printed!r}"
+        return
+    for line in block.splitlines():
+        printed, code = paste(line)
+        assert code == 0 and "success=False" not in printed, (line, printed)
+        if line.startswith("ros2 service call"):
+            assert "success=True" in printed, (line, printed)
+        if line.endswith(graph.PROPULSION_STATE):
+            assert "armed: true" in printed, printed
+
+
+@contextlib.contextmanager
+def started(bringup, clock, log):
+    """Start the robot as a block says, its output into a file; yield a shell's `paste`."""
+    command = re.sub(r"#.*|--time \w+|--console", "", bringup).split()
     with log.open("wb") as output:
         robot = subprocess.Popen(
             [*command, "--time", clock], cwd=ROOT, stdout=output, stderr=output
         )
     try:
         with shell(clock) as paste:
-            (line, wanted), *others = steps
-            end = time.monotonic() + PATIENCE[clock]
-            while alike(paste(line)[0].splitlines()) != alike(wanted):  # the nodes come up
-                assert time.monotonic() < end, line
-            for line, wanted in others:
-                printed, _ = paste(line)
-                assert alike(printed.splitlines()) == alike(wanted), f"{line} printed {printed!r}"
+            yield paste
     except AssertionError as failure:
         raise AssertionError(f"{failure}; {log.read_text()}") from failure
     finally:
@@ -111,14 +127,57 @@ def look_inside(clock, log):
     assert "Traceback" not in log.read_text()
 
 
+def wait_for_the_nodes(paste, block, clock):
+    """Paste a block's first command until it prints what it shows."""
+    (line, wanted), *_ = transcript(block)
+    end = time.monotonic() + PATIENCE[clock]
+    while alike(paste(line)[0].splitlines()) != alike(wanted):
+        assert time.monotonic() < end, line
+
+
+def look_inside(clock, log, *others):
+    """Do what the README's section does; then let others paste, each to a robot that sits."""
+    bringup, told = blocks("Look inside")
+    with started(bringup, clock, log) as paste:
+        wait_for_the_nodes(paste, told, clock)
+        paste_block(paste, told)
+        for other in others:
+            paste_block(paste, SIT_AGAIN)
+            other(paste)
+
+
 def with_the_propulsion_unit(clock):
-    """Do what the section does."""
+    """Do what the README's section does."""
     (block,) = blocks("With the propulsion unit")
     with shell(clock) as paste:
-        for line in block.splitlines():
-            printed, code = paste(line)
-            assert code == 0 and "success=False" not in printed, (line, printed)
-            if line.startswith("ros2 service call"):
-                assert "success=True" in printed, (line, printed)
-            if line.endswith(graph.PROPULSION_STATE):
-                assert "armed: true" in printed, printed
+        paste_block(paste, block)
+
+
+def first_day(paste, directory):
+    """Do what a student does with a running robot; a program is saved in a directory."""
+    bringup, commands = blocks("Look inside", FIRST_DAY)
+    assert bringup == "scripts/bringup.sh --time lockstep\n", bringup
+    paste_block(paste, commands)
+    (program,) = blocks("Write a node", FIRST_DAY, "python")
+    (run,) = blocks("Write a node", FIRST_DAY)
+    (directory / run.split()[-1]).write_text(program)
+    paste_block(paste, f"cd {directory}\n{run}cd {ROOT}\n")
+
+
+def operator(paste):
+    """Do what an operator does with a running robot that walks, stops and falls."""
+    _, *walking = blocks("The first five minutes", OPERATOR)
+    for block in walking:
+        paste_block(paste, block)
+    for heading in ("After a stop", "After a fall"):
+        for block in blocks(heading, OPERATOR):
+            paste_block(paste, block)
+
+
+def hand_flight(clock, log):
+    """Do what an operator does who flies by hand."""
+    bringup, *flight = blocks("Hand flight", OPERATOR)
+    with started(bringup, clock, log) as paste:
+        wait_for_the_nodes(paste, flight[0], clock)
+        for block in flight:
+            paste_block(paste, block)

@@ -1,4 +1,4 @@
-"""README's shell blocks, pasted line by line, in lockstep."""
+"""Shell blocks of README, first day and operator, pasted line by line, in lockstep."""
 
 import pasted
 import pytest
@@ -8,9 +8,19 @@ pytestmark = pytest.mark.graph
 
 @pytest.mark.slow
 def test_look_inside(alone, tmp_path):
-    pasted.look_inside("lockstep", tmp_path / "log")
+    """One graph for README, first day and operator."""
+
+    def first_day(paste):
+        pasted.first_day(paste, tmp_path)
+
+    pasted.look_inside("lockstep", tmp_path / "log", first_day, pasted.operator)
 
 
 @pytest.mark.slow
 def test_with_the_propulsion_unit(alone):
     pasted.with_the_propulsion_unit("lockstep")
+
+
+@pytest.mark.slow
+def test_hand_flight(alone, tmp_path):
+    pasted.hand_flight("lockstep", tmp_path / "log")
