@@ -124,14 +124,16 @@ class Anything:
 
     def altered(self, genuine: Any) -> st.SearchStrategy[Any]:
         """Return messages of a genuine one's kind, one to three of whose fields are anything."""
-        fields = list(_fields(genuine, ""))
+        # Made once: to make them takes longer than to draw from them.
+        fields = [(path, self._field(slot)) for path, slot in _fields(genuine, "")]
+        chosen = st.lists(st.sampled_from(fields), min_size=1, max_size=3)
 
         @st.composite
         def make(draw: st.DrawFn) -> Any:
             message = copy.deepcopy(genuine)
-            for path, slot in draw(st.lists(st.sampled_from(fields), min_size=1, max_size=3)):
+            for path, values in draw(chosen):
                 *steps, name = path.split(".")
-                setattr(functools.reduce(getattr, steps, message), name, draw(self._field(slot)))
+                setattr(functools.reduce(getattr, steps, message), name, draw(values))
             return message
 
         return make() if fields else st.just(genuine)

@@ -41,6 +41,8 @@ SETTINGS = {
 _SPEED = 0.3
 _WARM_UP = 0.6
 """After so long a trot from standing is as it will be: nearly two of its periods [s]."""
+_GOING_ON = 0.2
+"""Of a trot under way: the command is the usual one again [s]."""
 
 
 @contextlib.contextmanager
@@ -367,8 +369,9 @@ class Robot:
 
     def trot(self) -> None:
         """Trot for a while, from standing or on."""
+        duration = _GOING_ON if self.trots else _WARM_UP
         self.session.set_gait("trot")
-        walk(self.session, _WARM_UP, (_SPEED, 0.0, 0.0))
+        walk(self.session, duration, (_SPEED, 0.0, 0.0))
         assert self.mode == "walk", self.seen
 
     def start_again(self) -> None:

@@ -101,7 +101,7 @@ def test_messages_of_every_subscription(node):
     ]
     messages = [st.tuples(st.just(n), altered) for n, (_, _, altered) in enumerate(entries)]
 
-    @examples(40 * len(entries))
+    @examples(25 * len(entries))
     @given(st.one_of(messages))
     def fuzz(come):
         enter, raw, _ = entries[come[0]]
@@ -123,7 +123,7 @@ def test_requests_of_every_service(node):
         for service in services
     ]
 
-    @examples(12 * len(services))
+    @examples(8 * len(services))
     @given(st.one_of(requests))
     def fuzz(come):
         service, request = come

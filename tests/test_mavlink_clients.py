@@ -134,101 +134,6 @@ def test_mavsdk_as_a_companion_that_is_spoken_to_first(domain, tmp_path):
             bench.close()
 
 
-def download(bench, ftp, place, burst):
-    """Fetch a file by MAVSDK; return where it lies."""
-    results = []
-    place.mkdir()
-    ftp.download_async(
-        "/parameters.json", str(place), burst, lambda result, *_: results.append(result)
-    )
-    bench.wait(lambda: results and results[-1].name != "NEXT", "the file")
-    assert results[-1].name == "SUCCESS"
-    return place / "parameters.json"
-
-
-def test_mavsdk_is_told_what_there_is(bench, tmp_path):
-    from mavsdk.plugins.component_metadata import ComponentMetadata
-    from mavsdk.plugins.ftp import Ftp, FtpError
-    from mavsdk.plugins.info import Info
-    from mavsdk.plugins.telemetry import Telemetry
-
-    with mavsdk_client("GROUND_STATION", f"udpout://127.0.0.1:{bench.udp_port}") as autopilot:
-        system = autopilot()
-        version = Info(system).get_version()
-        told = (
-            version.flight_sw_vendor_major,
-            version.flight_sw_vendor_minor,
-            version.flight_sw_vendor_patch,
-        )
-        assert told == husky_pu.VERSION
-        times, telemetry = [], Telemetry(system)
-        telemetry.subscribe_unix_epoch_time(lambda microseconds, _: times.append(microseconds))
-        bench.wait(lambda: times, "the time")
-        assert times[-1] * 1e-6 == pytest.approx(time.time(), abs=3600.0)
-
-        ftp = Ftp(system)
-        names = {entry.name for entry in ftp.list_directory("/").entries}
-        assert names == {"general.json", "parameters.json"}
-        for burst in (False, True):
-            local = download(bench, ftp, tmp_path / str(burst), burst)
-            assert len(json.loads(local.read_text())["parameters"]) == len(TABLE)
-            assert ftp.are_files_identical(str(local), "/parameters.json")
-            assert not ftp.are_files_identical(str(local), "/general.json")
-        with pytest.raises(FtpError, match="FILE_PROTECTED"):
-            ftp.remove_file("/general.json")
-        with pytest.raises(FtpError, match="FILE_DOES_NOT_EXIST"):
-            ftp.list_directory("/none")
-
-        found, metadata = {}, ComponentMetadata(system)
-        metadata.subscribe_metadata_available(
-            lambda update, _: found.update({update.type.name: update.json_metadata})
-        )
-        metadata.request_autopilot_component()
-        bench.wait(lambda: "ALL_COMPLETED" in found, "the metadata")
-        assert json.loads(found["PARAMETER"])["parameters"][0]["name"] == next(iter(TABLE))
-
-
-def test_mavsdk_is_told_what_there_is_not(bench):
-    from mavsdk.plugins.log_files import LogFiles, LogFilesError
-    from mavsdk.plugins.mission_raw import MissionItem, MissionRaw, MissionRawError
-    from mavsdk.plugins.param import Param, ParamError, ProtocolVersion
-    from mavsdk.plugins.shell import Device, Shell
-
-    with mavsdk_client("GROUND_STATION", f"udpout://127.0.0.1:{bench.udp_port}") as autopilot:
-        system = autopilot()
-        parameters = Param(system)
-        with pytest.raises(ParamError, match="VALUE_OUT_OF_RANGE"):
-            parameters.set_param_float("COM_OF_LOSS_T", 100.0)
-        with pytest.raises(ParamError, match="DOES_NOT_EXIST"):
-            parameters.set_param_float("NO_SUCH", 1.0)
-        with pytest.raises(ParamError, match="DOES_NOT_EXIST"):
-            parameters.get_param_float("NO_SUCH")
-
-        with pytest.raises(LogFilesError, match="NO_LOGFILES"):
-            LogFiles(system).get_entries()
-
-        mission = MissionRaw(system)
-        with pytest.raises(MissionRawError, match="UNSUPPORTED"):
-            mission.upload_mission([MissionItem(0, 6, 16, 1, 1, 0.0, 0.0, 0.0, 0.0, 0, 0, 10.0, 0)])
-        assert mission.download_mission() == []
-        mission.clear_mission()
-
-        said, shell = [], Shell(system)
-        shell.subscribe_receive(lambda received, _: said.append(received.data))
-        shell.send("help", Device.SHELL)
-        bench.wait(lambda: "no shell" in "".join(said), "a word of the shell")
-
-        # The same parameters by the extended protocol; the binding takes its answer for an error.
-        with contextlib.suppress(ParamError):
-            parameters.select_component(1, ProtocolVersion.EXT)
-        listed = parameters.get_all_params()
-        assert len(listed.int_params) + len(listed.float_params) == len(TABLE)
-        parameters.set_param_float("COM_OF_LOSS_T", 0.5)
-        assert parameters.get_param_float("COM_OF_LOSS_T") == 0.5
-        with pytest.raises(ParamError):
-            parameters.set_param_float("COM_OF_LOSS_T", 100.0)
-
-
 def test_mavproxy(bench, tmp_path):
     station = MavProxy(bench.udp_port, tmp_path, "link,param,arm,mode,cmdlong,ftp,log")
     say, heard = station.say, station.heard
@@ -271,3 +176,109 @@ def test_mavproxy(bench, tmp_path):
         assert not heard("timed out")
     finally:
         station.close()
+
+
+# One flight controller for what follows: none of it arms.
+@pytest.fixture(scope="module")
+def station(domain, tmp_path_factory):
+    """A bench, and the autopilot that MAVSDK sees there as a ground station."""
+    bench = RunningFlightBench(domain, tmp_path_factory.mktemp("station"))
+    connection = f"udpout://127.0.0.1:{bench.udp_port}"
+    try:
+        with mavsdk_client("GROUND_STATION", connection) as autopilot:
+            yield bench, autopilot()
+    finally:
+        bench.close()
+
+
+def download(bench, ftp, place, burst):
+    """Fetch a file by MAVSDK; return where it lies."""
+    results = []
+    place.mkdir()
+    ftp.download_async(
+        "/parameters.json", str(place), burst, lambda result, *_: results.append(result)
+    )
+    bench.wait(lambda: results and results[-1].name != "NEXT", "the file")
+    assert results[-1].name == "SUCCESS"
+    return place / "parameters.json"
+
+
+def test_mavsdk_is_told_what_there_is(station, tmp_path):
+    from mavsdk.plugins.component_metadata import ComponentMetadata
+    from mavsdk.plugins.ftp import Ftp, FtpError
+    from mavsdk.plugins.info import Info
+    from mavsdk.plugins.telemetry import Telemetry
+
+    bench, system = station
+    version = Info(system).get_version()
+    told = (
+        version.flight_sw_vendor_major,
+        version.flight_sw_vendor_minor,
+        version.flight_sw_vendor_patch,
+    )
+    assert told == husky_pu.VERSION
+    times, telemetry = [], Telemetry(system)
+    telemetry.subscribe_unix_epoch_time(lambda microseconds, _: times.append(microseconds))
+    bench.wait(lambda: times, "the time")
+    assert times[-1] * 1e-6 == pytest.approx(time.time(), abs=3600.0)
+
+    ftp = Ftp(system)
+    names = {entry.name for entry in ftp.list_directory("/").entries}
+    assert names == {"general.json", "parameters.json"}
+    for burst in (False, True):
+        local = download(bench, ftp, tmp_path / str(burst), burst)
+        assert len(json.loads(local.read_text())["parameters"]) == len(TABLE)
+        assert ftp.are_files_identical(str(local), "/parameters.json")
+        assert not ftp.are_files_identical(str(local), "/general.json")
+    with pytest.raises(FtpError, match="FILE_PROTECTED"):
+        ftp.remove_file("/general.json")
+    with pytest.raises(FtpError, match="FILE_DOES_NOT_EXIST"):
+        ftp.list_directory("/none")
+
+    found, metadata = {}, ComponentMetadata(system)
+    metadata.subscribe_metadata_available(
+        lambda update, _: found.update({update.type.name: update.json_metadata})
+    )
+    metadata.request_autopilot_component()
+    bench.wait(lambda: "ALL_COMPLETED" in found, "the metadata")
+    assert json.loads(found["PARAMETER"])["parameters"][0]["name"] == next(iter(TABLE))
+
+
+def test_mavsdk_is_told_what_there_is_not(station):
+    from mavsdk.plugins.log_files import LogFiles, LogFilesError
+    from mavsdk.plugins.mission_raw import MissionItem, MissionRaw, MissionRawError
+    from mavsdk.plugins.param import Param, ParamError, ProtocolVersion
+    from mavsdk.plugins.shell import Device, Shell
+
+    bench, system = station
+    parameters = Param(system)
+    with pytest.raises(ParamError, match="VALUE_OUT_OF_RANGE"):
+        parameters.set_param_float("COM_OF_LOSS_T", 100.0)
+    with pytest.raises(ParamError, match="DOES_NOT_EXIST"):
+        parameters.set_param_float("NO_SUCH", 1.0)
+    with pytest.raises(ParamError, match="DOES_NOT_EXIST"):
+        parameters.get_param_float("NO_SUCH")
+
+    with pytest.raises(LogFilesError, match="NO_LOGFILES"):
+        LogFiles(system).get_entries()
+
+    mission = MissionRaw(system)
+    with pytest.raises(MissionRawError, match="UNSUPPORTED"):
+        mission.upload_mission([MissionItem(0, 6, 16, 1, 1, 0.0, 0.0, 0.0, 0.0, 0, 0, 10.0, 0)])
+    assert mission.download_mission() == []
+    mission.clear_mission()
+
+    said, shell = [], Shell(system)
+    shell.subscribe_receive(lambda received, _: said.append(received.data))
+    shell.send("help", Device.SHELL)
+    bench.wait(lambda: "no shell" in "".join(said), "a word of the shell")
+
+    # The same parameters by the extended protocol; the binding takes its answer for an error.
+    with contextlib.suppress(ParamError):
+        parameters.select_component(1, ProtocolVersion.EXT)
+    listed = parameters.get_all_params()
+    assert len(listed.int_params) + len(listed.float_params) == len(TABLE)
+    parameters.set_param_float("COM_OF_LOSS_T", 0.5)
+    assert parameters.get_param_float("COM_OF_LOSS_T") == 0.5
+    with pytest.raises(ParamError):
+        parameters.set_param_float("COM_OF_LOSS_T", 100.0)

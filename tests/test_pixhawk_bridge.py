@@ -160,49 +160,6 @@ def test_refusals_have_reasons(bench):
     assert len(bench.thrusts()) == 0
 
 
-def test_a_lost_and_returning_line_and_autopilot(bench):
-    bench.connect()
-    with bench.held():
-        bench.telling = False
-    bench.wait_for_state(lambda state: not state.connected, "a state that says so")
-    assert not bench.call(SetBool, graph.PROPULSION_ARM, data=True).success
-    with bench.held():
-        bench.telling = True
-    bench.wait_for_state(lambda state: state.connected, "the autopilot again")
-    with bench.held():
-        bench.port.unplug()
-    bench.wait_for_report(lambda r: r.message.startswith("no port"), "a report of the lost port")
-    with bench.held():
-        bench.port.replug()
-    bench.wait_for_state(lambda state: state.connected, "the autopilot on the new port")
-    with bench.held():
-        bench.port.write(b"\xfd\x09garbage" + bytes(range(256)), 921600)
-    report = bench.wait_for_report(lambda r: "damaged" in r.message, "a report of damage")
-    assert int(report["garbage_bytes"]) > 0
-    bench.wait_for_report(lambda r: r.level == DiagnosticStatus.OK, "a good report")
-
-
-def test_a_full_current_field_is_told_as_such(bench):
-    with bench.held():
-        bench.centi_amperes = 32767
-    report = bench.wait_for_report(lambda r: "327.67 A" in r.message, "a report of the current")
-    assert report["current"] == "327.67 A or more"
-    bench.batteries.clear()
-    bench.wait(lambda: bench.batteries, "the battery")
-    assert bench.batteries[-1].current == pytest.approx(-327.67)
-    assert bench.batteries[-1].voltage == 22.0
-
-
-def test_a_deactivated_bridge_gives_the_port_back(bench):
-    bench.connect()
-    assert bench.change_state(Transition.TRANSITION_DEACTIVATE)
-    bench.wait(lambda: not bench.port.connected, "the port to be closed")
-    assert not bench.call(SetBool, graph.PROPULSION_ARM, data=True).success
-    assert bench.change_state(Transition.TRANSITION_ACTIVATE)
-    bench.wait_for_state(lambda state: state.connected, "the autopilot")
-    bench.end()
-
-
 def test_a_bridge_whose_fans_push_stays_active(bench):
     """Neither deactivation nor a shutdown takes the thrust away; without thrust it may leave."""
     bench.connect()
@@ -270,3 +227,59 @@ def test_bad_parameters_end_it_with_a_sentence(domain, tmp_path):
         ({"time": "sundial"}, "parameter time is 'sundial'"),
     ):
         assert_refused(MODULE, words, **parameters)
+
+
+@pytest.fixture(scope="module")
+def plain_bench(domain, tmp_path_factory):
+    """Nobody arms it; the tests that share it come last, when no other bridge runs."""
+    bench = Bench(domain, tmp_path_factory.mktemp("bench"), time="realtime")
+    yield bench
+    bench.close()
+
+
+def test_a_full_current_field_is_told_as_such(plain_bench):
+    bench = plain_bench
+    with bench.held():
+        bench.centi_amperes = 32767
+    report = bench.wait_for_report(lambda r: "327.67 A" in r.message, "a report of the current")
+    assert report["current"] == "327.67 A or more"
+    bench.batteries.clear()
+    bench.wait(lambda: bench.batteries, "the battery")
+    assert bench.batteries[-1].current == pytest.approx(-327.67)
+    assert bench.batteries[-1].voltage == 22.0
+    with bench.held():
+        bench.centi_amperes = 1000
+
+
+def test_a_lost_and_returning_line_and_autopilot(plain_bench):
+    bench = plain_bench
+    bench.connect()
+    with bench.held():
+        bench.telling = False
+    bench.wait_for_state(lambda state: not state.connected, "a state that says so")
+    assert not bench.call(SetBool, graph.PROPULSION_ARM, data=True).success
+    with bench.held():
+        bench.telling = True
+    bench.wait_for_state(lambda state: state.connected, "the autopilot again")
+    with bench.held():
+        bench.port.unplug()
+    bench.wait_for_report(lambda r: r.message.startswith("no port"), "a report of the lost port")
+    with bench.held():
+        bench.port.replug()
+    bench.wait_for_state(lambda state: state.connected, "the autopilot on the new port")
+    with bench.held():
+        bench.port.write(b"\xfd\x09garbage" + bytes(range(256)), 921600)
+    report = bench.wait_for_report(lambda r: "damaged" in r.message, "a report of damage")
+    assert int(report["garbage_bytes"]) > 0
+    bench.wait_for_report(lambda r: r.level == DiagnosticStatus.OK, "a good report")
+
+
+def test_a_deactivated_bridge_gives_the_port_back(plain_bench):
+    bench = plain_bench
+    bench.connect()
+    assert bench.change_state(Transition.TRANSITION_DEACTIVATE)
+    bench.wait(lambda: not bench.port.connected, "the port to be closed")
+    assert not bench.call(SetBool, graph.PROPULSION_ARM, data=True).success
+    assert bench.change_state(Transition.TRANSITION_ACTIVATE)
+    bench.wait_for_state(lambda state: state.connected, "the autopilot")
+    bench.end()

@@ -296,7 +296,7 @@ def test_a_goal_is_followed_to_its_end(ros2: Ros2, sample: None) -> None:
 
 def test_doctor_finds_what_does_not_match(results: Results) -> None:
     """A reliable subscriber hears nothing of a best-effort publisher, and neither says so."""
-    checked = results["doctor -ep"]
+    checked = results["doctor -ep -iw"]
     fault = "Best effort publisher and reliable subscription;"
     assert f"QoS compatibility error found on topic '/mismatched': {fault}\n" in checked.stderr
     assert "Publisher without subscriber detected on /joints.\n" in checked.stderr

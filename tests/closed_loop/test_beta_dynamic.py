@@ -109,6 +109,7 @@ def test_four_legs_become_arms_in_a_leap(standing):
     assert robot.controller.counters.faults == 0
 
 
+@pytest.mark.slow  # `test_one_leg_splays...` is the same on hard ground
 def test_on_ground_that_gives_way_it_stays_level_and_feels_where_it_steps():
     """The feet sink unevenly while one leg is an arm; on 200 N/m it would tip over."""
     robot, leg = Balancer(2, contact="thesis_model", stiffness=500.0), 1

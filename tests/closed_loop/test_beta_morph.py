@@ -98,10 +98,9 @@ def test_the_perch_is_felt_when_it_touches():
     assert touched < felt < touched + 0.3
 
 
-def test_without_ground_under_the_perch_it_stands_up_again():
+@pytest.mark.in_a_copy
+def test_without_ground_under_the_perch_it_stands_up_again(robot):
     """On blocks under its feet the body sinks into nothing: the perch touches nothing."""
-    robot = MorphingRobot()
-    robot.stand()
     robot.data.qpos[2] += 0.05
     for name in ("perch", "perch_struts"):
         robot.model.geom(name).contype = robot.model.geom(name).conaffinity = 0

@@ -9,6 +9,8 @@ pytestmark = pytest.mark.in_a_copy  # each goes on from the same robot
 AHEAD, TURN, SIDE = (0.3, 0.0, 0.0), (0.0, 0.0, 0.5), (0.0, 0.1, 0.0)
 PHASES = (0.06, 0.19, 0.31, 0.44)
 """Times in the trot, whose cycle is 0.5 s."""
+SLOW = pytest.mark.slow
+"""Further phases and joints: one of each kind is not slow."""
 
 
 class Settler(FlyingBeta):
@@ -51,8 +53,13 @@ def trot(robot, velocity, phase):
 
 @pytest.mark.parametrize(
     ("velocity", "phase", "stop"),
-    [(AHEAD, phase, "damping") for phase in PHASES]
-    + [(TURN, 0.2, "damping"), (AHEAD, 0.19, "emergency_stop"), (SIDE, 0.3, "emergency_stop")],
+    [
+        (AHEAD, PHASES[0], "damping"),
+        *(pytest.param(AHEAD, phase, "damping", marks=SLOW) for phase in PHASES[1:]),
+        (TURN, 0.2, "damping"),
+        pytest.param(AHEAD, 0.19, "emergency_stop", marks=SLOW),
+        (SIDE, 0.3, "emergency_stop"),
+    ],
 )
 def test_in_the_trot_a_stop_sets_it_down_level(standing, velocity, phase, stop):
     """Damped it would sink for seconds, over two feet, and fall on its side."""
@@ -78,8 +85,17 @@ def test_while_it_settles_the_last_stop_that_is_asked_for_counts(standing):
     assert robot.controller.mode.value == "emergency_stop"
 
 
-@pytest.mark.parametrize("joint", ["front_left_hip_frontal", "front_right_knee", "hind_right_knee"])
-@pytest.mark.parametrize("phase", [0.06, 0.31])
+@pytest.mark.parametrize(
+    ("joint", "phase"),
+    [
+        ("front_left_hip_frontal", 0.06),
+        ("front_right_knee", 0.31),
+        pytest.param("front_left_hip_frontal", 0.31, marks=SLOW),
+        pytest.param("front_right_knee", 0.06, marks=SLOW),
+        pytest.param("hind_right_knee", 0.06, marks=SLOW),
+        pytest.param("hind_right_knee", 0.31, marks=SLOW),
+    ],
+)
 def test_with_a_servo_that_has_let_go_it_does_not_fall_on_its_side(standing, joint, phase):
     robot = standing
     trot(robot, AHEAD, phase)
@@ -107,22 +123,17 @@ def test_on_its_way_to_the_perch_it_goes_no_further_up(standing, wait):
 
 
 @pytest.fixture(scope="module")
-def balancing():
-    """Stands on three legs, the front left one is an arm."""
-    robot = Settler(1)
-    robot.stand()
+def balancing(standing):
+    """Stands on three legs, the front left one is an arm: what `standing` has become by now."""
+    robot = standing
     robot.gear.arm()
     robot.run(0.3)
-    assert robot.controller.request_mode("balance")[0]
-    robot.run(9.0)
-    assert robot.controller.present.settled
+    robot.become("balance")
     return robot
 
 
 # Joints 0, 4 and 8, one of each kind and each of another leg, are not slow.
-@pytest.mark.parametrize(
-    "joint", [pytest.param(i, marks=[pytest.mark.slow] * (i % 4 != 0)) for i in range(12)]
-)
+@pytest.mark.parametrize("joint", [pytest.param(i, marks=[SLOW] * (i % 4 != 0)) for i in range(12)])
 def test_with_one_leg_an_arm_any_servo_may_let_go(balancing, joint):
     """Legs and body go down at once; without that it fell, up to onto its back."""
     robot = balancing

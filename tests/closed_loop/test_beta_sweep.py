@@ -1,15 +1,13 @@
 """Every live parameter of Husky-beta's propellers at both ends of its range: it does its task.
 
 Those of legs are Husky Carbon's, scaled to its size, and are swept there (`test_parameter_sweep`).
-The first end of each task is not slow; `test_beta_flight` and `test_beta_dynamic` do the tasks
-with the defaults.
+All of it is slow; `test_beta_flight` and `test_beta_dynamic` do the tasks with the defaults.
 """
 
 import math
 
 import pytest
 from flying_beta import FlyingBeta
-from swept_robot import one_by_default
 
 from husky_control.parameters import TABLE, table_of
 from husky_description.robot import load_robot
@@ -72,7 +70,8 @@ def ends(*prefixes):
     ]
 
 
-@pytest.mark.parametrize(("name", "value"), one_by_default(ends(*FLIGHT)))
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "value"), ends(*FLIGHT))
 def test_flight(standing, name, value):
     """From standing into the air, ahead, round, and down on the perch."""
     robot = standing
@@ -105,7 +104,8 @@ CORNERS = [
 """On two feet with less damping, or more stiffness, it falls."""
 
 
-@pytest.mark.parametrize(("name", "value", "legs"), one_by_default(BALANCES))
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "value", "legs"), BALANCES)
 def test_balance(armed, name, value, legs):
     """One leg becomes an arm, or two across, and stands again."""
     balance(armed, {"balance.legs": legs, name: value})

@@ -109,7 +109,7 @@ def test_up_on_a_plateau_it_walks_on_as_on_the_flat():
     """Level ground is where the feet are, not at the height where the robot was switched on."""
     robot = ClimbingRobot(20.0, length=0.5)
     robot.start()
-    robot.run(11.0, (SPEED, 0.0, 0.0))
+    robot.run(8.5, (SPEED, 0.0, 0.0))
     robot.run(2.0, (0.0, 0.0, 0.0))
     assert robot.world.foot_positions()[:, 2].min() > 0.25, "it is not up yet"
     assert robot.controller.request_mode("stand")[0]

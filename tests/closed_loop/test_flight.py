@@ -16,10 +16,19 @@ pytestmark = pytest.mark.in_a_copy
 
 
 @pytest.fixture(scope="module")
-def flying():
-    """A robot that hovers, and the place where it stood [m]."""
+def standing():
+    """A robot that stands, and does not hear its camera."""
     robot = FlyingRobot()
+    robot.gear.frozen = True
     robot.stand()
+    return robot
+
+
+@pytest.fixture(scope="module")
+def flying(standing):
+    """The robot hovers; and the place where it stood [m]."""
+    robot = standing
+    robot.gear.frozen = False
     robot.arm()
     ground = robot.world.base_position.copy()
     accepted, message = robot.controller.request_mode("fly")
@@ -29,20 +38,22 @@ def flying():
     return robot, ground
 
 
-def watch(robot, duration):
-    """Positions [m] (n, 3) and tilts [rad] (n,) of every tick."""
-    positions, tilts = [], []
+def watch(robot, duration, until=None):
+    """Positions [m] (n, 3) and tilts [rad] (n,) of every tick, half a second beyond a mode."""
+    positions, tilts, beyond = [], [], 0
     for _ in range(round(duration / 0.002)):
         robot.tick()
+        beyond += robot.controller.mode.value == until
+        if beyond > 250:
+            break
         positions.append(robot.world.base_position.copy())
         tilts.append(robot.tilt)
     return np.array(positions), np.array(tilts)
 
 
-def test_flight_is_refused_without_fans_and_without_the_camera():
-    robot = FlyingRobot()
-    robot.gear.frozen = True
-    robot.stand()
+def test_flight_is_refused_without_fans_and_without_the_camera(standing):
+    """The first test: then it flies."""
+    robot = standing
     assert "fans are not armed" in robot.controller.request_mode("fly")[1]
     robot.arm()
     accepted, message = robot.controller.request_mode("fly")
@@ -52,14 +63,14 @@ def test_flight_is_refused_without_fans_and_without_the_camera():
 
 def test_hovers_above_where_it_stood_and_lands_there(flying):
     robot, ground = flying
-    positions, tilts = watch(robot, 4.0)
+    positions, tilts = watch(robot, 3.0)
     assert np.linalg.norm(positions - (ground + (0.0, 0.0, HEIGHT)), axis=1).max() < 0.2
     assert math.degrees(tilts.max()) < 3.0
     # The odometry goes on in the air.
     before = robot.controller.body.estimator.position.copy()
     assert before[2] == pytest.approx(robot.world.base_position[2], abs=0.05)
     assert robot.controller.request_mode("stand") == (True, "landing")
-    positions, tilts = watch(robot, 6.0)
+    positions, tilts = watch(robot, 6.0, until="stand")
     assert robot.controller.mode.value == "stand", robot.controller.hover.phase
     assert robot.controller.reason == "landed" and not robot.controller.counters.faults
     assert -np.diff(positions[:, 2]).min() / 0.002 < 0.35
@@ -76,7 +87,7 @@ def test_hovers_above_where_it_stood_and_lands_there(flying):
 def test_without_the_camera_it_lands_level_and_stands(flying):
     robot, ground = flying
     robot.gear.frozen = True
-    positions, tilts = watch(robot, 7.0)
+    positions, tilts = watch(robot, 7.0, until="stand")
     assert robot.controller.mode.value == "stand", robot.controller.hover.phase
     assert robot.controller.reason.startswith("T265 lost")
     assert math.degrees(tilts.max()) < 4.0

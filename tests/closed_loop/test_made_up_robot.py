@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 from flying import FlyingRobot
-from in_process import InProcessRobot
 from made_up_robot import FANS, write
 
 from husky_description.gravity import GRAVITY
@@ -20,9 +19,15 @@ def numbers(tmp_path_factory):
     return load_robot(write(tmp_path_factory.mktemp("robot") / "made_up.yaml"))
 
 
-def test_it_stands_up_walks_and_sits_down(numbers):
-    robot = InProcessRobot(robot=numbers)
+@pytest.fixture(scope="module")
+def standing(numbers):
+    robot = FlyingRobot(robot=numbers)
     robot.stand()
+    return robot
+
+
+def test_it_stands_up_walks_and_sits_down(numbers, standing):
+    robot = standing
     height = robot.world.base_position[2] - numbers.foot_radius
     assert height == pytest.approx(numbers.stand_height, abs=0.02)
     assert height > load_robot().stand_height + 0.05
@@ -31,9 +36,9 @@ def test_it_stands_up_walks_and_sits_down(numbers):
     robot.run(4.0, (0.3, 0.0, 0.0))
     assert robot.controller.mode.value == "walk", robot.controller.reason
     assert robot.world.base_position[0] > 0.8
-    robot.run(3.0, (0.0, 0.0, 0.0))
+    robot.run(1.0, (0.0, 0.0, 0.0))
     assert robot.controller.request_mode("stand")[0] or robot.controller.mode.value == "stand"
-    robot.run(1.0)
+    robot.run(1.5)
     assert robot.controller.request_mode("sit")[0]
     robot.run(4.0)
     assert robot.controller.mode.value == "sit" and robot.controller.present.settled
@@ -41,13 +46,12 @@ def test_it_stands_up_walks_and_sits_down(numbers):
 
 
 @pytest.fixture(scope="module")
-def flying(numbers):
-    robot = FlyingRobot(robot=numbers)
-    robot.stand()
+def flying(standing):
+    robot = standing
     robot.arm()
     accepted, message = robot.controller.request_mode("fly")
     assert accepted, message
-    robot.run(6.0)
+    robot.run(5.0)
     assert robot.controller.mode.value == "fly", robot.controller.reason
     return robot
 
@@ -65,7 +69,12 @@ def test_it_hovers_on_six_fans(flying):
     assert math.degrees(flying.tilt) < 3.0
 
 
-@pytest.mark.parametrize("fan", range(len(FANS)), ids=list(FANS))
+# Of a pair left and right, and of those in the middle, which the other robots do not have.
+@pytest.mark.parametrize(
+    "fan",
+    [pytest.param(i, marks=[pytest.mark.slow] * (i not in (0, 3))) for i in range(len(FANS))],
+    ids=list(FANS),
+)
 def test_it_hovers_on_the_five_that_are_left(flying, fan):
     flying.world.fans.unit.fail_fan(fan)
     height, logic = flying.world.base_position[2], flying.autopilot.vehicle.logic

@@ -21,7 +21,7 @@ def mounted(rpy, position):
 @pytest.mark.parametrize(
     ("rpy", "position"),
     [
-        ((0.3, -0.4, 2.0), (0.0, 0.0, 0.03)),
+        pytest.param((0.3, -0.4, 2.0), (0.0, 0.0, 0.03), marks=pytest.mark.slow),
         ((np.pi, 0.0, -np.pi / 2), (-0.2, 0.1, 0.08)),  # upside down, at a corner of the torso
     ],
 )

@@ -16,10 +16,11 @@ RATE = np.full(3, FIGURES.angular_velocity_variance)
 PERIOD = 0.02
 """Between two reports [s]."""
 WALKS = {
-    "trot": ("trot", (0.6, 0.0, 0.0)),
-    "turn": ("trot", (0.3, 0.1, 0.4)),
-    "pronk": ("pronk", (0.3, 0.0, 0.0)),
+    "trot": ("trot", (0.6, 0.0, 0.0), 10.0),
+    "turn": ("trot", (0.3, 0.1, 0.4), 6.0),
+    "pronk": ("pronk", (0.3, 0.0, 0.0), 7.0),
 }
+"""Gait, velocity and time [s]."""
 
 
 class Watched:
@@ -66,14 +67,14 @@ class Watched:
         return np.array(self.errors) / np.array(self.deviations)
 
 
-def walked(seed, gait, velocity):
+def walked(seed, gait, velocity, duration):
     watched = Watched(seed)
     robot, controller = watched.robot, watched.robot.controller
     robot.enable()
     assert controller.request_mode("stand_up")[0]
     watched.run(5.0)
     assert controller.request_gait(gait)[0] and controller.request_mode("walk")[0]
-    watched.run(12.0, velocity)
+    watched.run(duration, velocity)
     return watched
 
 

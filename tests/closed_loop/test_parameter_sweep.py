@@ -2,7 +2,8 @@
 
 An end is set while the robot is at its task, or before it begins, in turns; HUSKY_SWEEP=4 takes
 each both ways, and four times as long; HUSKY_SWEEP_SEED=3 is another robot.
-The first end of each task is not slow.
+The first end of a task that no quicker test in one process does is not slow: a trot with the fans'
+help, a climb with fixed fans, treading. `test_walking` has the trot.
 """
 
 import math
@@ -209,7 +210,7 @@ def test_standing_up_and_sitting_down(walker, name, end):
             walker.be_sitting()
 
 
-@pytest.mark.parametrize(END, cases("assist."))
+@pytest.mark.parametrize(END, cases("assist.", one_by_default=True))
 def test_trot_with_the_fans_help(helped, name, end):
     """What shares the weight between legs and fans."""
     sweep_walk(helped, "trot", name, end)
@@ -259,12 +260,12 @@ def test_crouch(climber, name, end):
         climber.drop()
 
 
-@pytest.mark.parametrize(END, cases("wair.lean_"))
+@pytest.mark.parametrize(END, cases("wair.lean_", one_by_default=True))
 def test_climb_with_fixed_fans(leaner, name, end):
     sweep_climb(leaner, name, end, "lean")
 
 
-@pytest.mark.parametrize(END, cases(*TREADING))
+@pytest.mark.parametrize(END, cases(*TREADING, one_by_default=True))
 def test_tread(treader, name, end):
     """What a hanging robot takes of its gait."""
     with treader.healthy():

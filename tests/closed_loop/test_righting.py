@@ -78,11 +78,17 @@ def righted(robot):
     return controller.mode.value == "sit" and robot.tilt < 6.0
 
 
+@pytest.fixture(scope="module")
+def on_its_side():
+    return at_roll(90.0)
+
+
+@pytest.mark.in_a_copy
 @pytest.mark.parametrize(
     "degrees", [90.0, *(pytest.param(roll, marks=pytest.mark.slow) for roll in (-90.0, 178.0))]
 )
-def test_from_its_side_and_its_back_it_comes_onto_its_perch_and_stands_up(degrees):
-    robot = at_roll(degrees)
+def test_from_its_side_and_its_back_it_comes_onto_its_perch_and_stands_up(on_its_side, degrees):
+    robot = on_its_side if degrees == 90.0 else at_roll(degrees)
     assert robot.tilt > math.degrees(robot.controller.parameters["safety.max_tilt"])
     accepted, message = robot.controller.request_mode("stand_up")
     assert not accepted and message == "stand_up refused: the body is tilted too far"
@@ -92,11 +98,12 @@ def test_from_its_side_and_its_back_it_comes_onto_its_perch_and_stands_up(degree
     assert robot.tilt < 6.0
 
 
+@pytest.mark.in_a_copy
 @pytest.mark.parametrize(
     "stop", ["damping", pytest.param("emergency_stop", marks=pytest.mark.slow)]
 )
-def test_a_stop_is_obeyed_at_once(stop):
-    robot = at_roll(90.0)
+def test_a_stop_is_obeyed_at_once(on_its_side, stop):
+    robot = on_its_side
     assert robot.controller.request_mode("righting")[0]
     robot.run(3.0)
     assert robot.controller.request_mode(stop) == (True, stop)

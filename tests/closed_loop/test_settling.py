@@ -47,7 +47,7 @@ def holds(name, outcomes):
     ("gait", "speed", "phases"),
     [
         ("trot", 1.0, 2),
-        ("crawl", 0.05, 2),
+        ("crawl", 0.05, 1),
         ("pronk", 0.3, 2),
         *(pytest.param(*walk, 10, marks=pytest.mark.slow) for walk in WALKS),
     ],

@@ -28,7 +28,7 @@ def spread_and_torques(robot, duration):
     return np.ptp(distances, axis=0).max(), torque
 
 
-@pytest.mark.parametrize("friction", [0.4, 0.7, 1.8])
+@pytest.mark.parametrize("friction", [0.4, pytest.param(0.7, marks=pytest.mark.slow), 1.8])
 def test_feet_stand_still_while_the_body_rises_and_sinks(friction):
     robot = InProcessRobot(WorldOptions(friction=friction))
     robot.enable()

@@ -36,7 +36,7 @@ def stand_and_trot(session):
     session.advance(0.2)
     session.set_mode("stand_up", "stand", within=3.0)
     session.set_gait("trot")
-    walk(session, 0.6, (0.1, 0.0, 0.0))
+    walk(session, 0.4, (0.1, 0.0, 0.0))
     assert session.state.mode == "walk", session.state.reason
     assert session.drives.operational and session.drives.short_cycles == 0
     return session.trajectory_sha256

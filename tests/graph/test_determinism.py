@@ -31,9 +31,9 @@ def script(robot, meanwhile=lambda step: None) -> str:
     s = robot.session
     s.advance(0.2)
     assert robot.trigger(graph.DRIVES_ENABLE) == "", robot.seen
-    s.advance(0.6)
+    s.advance(0.3)
     s.set_mode("stand_up")
-    s.advance(2.2)
+    s.advance(1.5)
     assert robot.mode == "stand", robot.seen
     s.set_gait("trot")
     walk(s, 0.4, (0.3, 0.0, 0.0))

@@ -15,7 +15,8 @@ pytestmark = pytest.mark.graph
         pytest.param("repeat", "stale", marks=pytest.mark.slow),
         # It is asked, answers, and streams again as far as it can be told.
         pytest.param("flip_bits:20", "", marks=pytest.mark.slow),
-        ("unplug", "no port"),
+        # Of the driver's process: tests/test_vn200_driver; the robot's way down: as with `stop`.
+        pytest.param("unplug", "no port", marks=pytest.mark.slow),
     ],
 )
 def test_imu_lost(trotting, record_property, fault, report):
@@ -36,6 +37,7 @@ def test_imu_lost(trotting, record_property, fault, report):
     trotting.recover()
 
 
+@pytest.mark.slow  # the driver's process alone: tests/test_vn200_driver; the way down: `stop`
 def test_imu_starts_again(trotting, record_property):
     """It comes back with the settings of its flash memory: another baud rate, another output."""
     s = trotting.session

@@ -8,6 +8,7 @@ from husky_runtime import graph
 pytestmark = pytest.mark.graph
 
 
+@pytest.mark.slow  # in one process: husky_drivers' test_master_stops; the way down: test_settling
 def test_emergency_stop_without_controller(trotting, record_property):
     s = trotting.session
     stopped = trotting.watch()

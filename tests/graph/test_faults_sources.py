@@ -56,7 +56,14 @@ def test_two_controllers(trotting, record_property, tmp_path: Path):
     trotting.recover()
 
 
-@pytest.mark.parametrize("value", [0.0, math.nan], ids=["position", "nan"])
+@pytest.mark.parametrize(
+    "value",
+    [
+        # A good command of a second source: test_two_controllers; of nobody who listens: `nan`.
+        pytest.param(0.0, id="position", marks=pytest.mark.slow),
+        pytest.param(math.nan, id="nan"),
+    ],
+)
 def test_stranger(trotting, stranger, record_property, value):
     """What `ros2 topic pub` sends answers no joint states."""
     s = trotting.session

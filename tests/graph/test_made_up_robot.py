@@ -8,7 +8,9 @@ from husky_description.gravity import GRAVITY
 from husky_description.robot import load_robot
 from husky_runtime import graph
 
-pytestmark = pytest.mark.graph
+# In one process: the same robot in closed_loop; every node is told its file by husky_bringup's
+# test_system; a robot that is not the default one, over processes: test_beta.
+pytestmark = [pytest.mark.graph, pytest.mark.slow]
 
 GRACE = 5.0
 """Wall time after which nodes give each other up [s]: no test of a busy machine."""

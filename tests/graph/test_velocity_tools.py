@@ -51,7 +51,7 @@ def test_a_tool_drives_a_standing_robot(standing, domain, make):
                 return robot.mode == "walk"
 
             robot.until(walks, "walk", within=20.0, step=0.1)
-            for _ in range(6):
+            for _ in range(4):
                 publisher.publish(make(0.3))
                 s.advance(0.2)
             assert s.state.commanded_velocity[0] == pytest.approx(0.3), robot.seen

@@ -17,7 +17,8 @@ from husky_runtime.nodes import qos, stamps
 pytestmark = pytest.mark.graph
 
 
-@pytest.mark.parametrize("keyframe", ["sit", "stand"])
+# In one process: husky_drivers' `test_restart_forgets_the_command_and_takes_torque_...`
+@pytest.mark.parametrize("keyframe", [pytest.param("sit", marks=pytest.mark.slow), "stand"])
 def test_reset_while_trotting(trotting, keyframe):
     """No torque of before acts in the new world; the controller is passive, the drives are off."""
     s = trotting.session
@@ -29,7 +30,6 @@ def test_reset_while_trotting(trotting, keyframe):
     assert trotting.torque_ends(0.0, within=0.1) == 0.0
     assert trotting.mode == "passive" and not s.drives.operational, trotting.seen
     assert s.drives.reason == "the world has been reset"
-    trotting.recover()
 
 
 def test_emergency_stop_outlasts_a_reset(trotting):
@@ -39,7 +39,7 @@ def test_emergency_stop_outlasts_a_reset(trotting):
     s.reset()
     s.advance(0.1)
     assert "latched" in trotting.trigger(graph.DRIVES_ENABLE)
-    trotting.recover()
+    trotting.enable()
 
 
 def test_imu_after_a_reset(trotting):
@@ -68,9 +68,10 @@ def test_step_without_bounds(robot, ticks):
         (graph.PLANT_RESET, ResetWorld.Request(keyframe="sit", seed=1), "a reset"),
     ],
 )
-def test_others_are_heard_while_a_step_runs(trotting, service, request_, reason):
+def test_others_are_heard_while_a_step_runs(robot, service, request_, reason):
     """They may end it; it then says how far it came, and the next one goes on from there."""
-    s = trotting.session
+    s = robot.session
+    s.advance(0.1)
     start, before = s.time, s.drives.stamp
     long_step = s.ask(graph.PLANT_STEP, StepWorld.Request(ticks=30_000))
     s.wait_for(lambda: s.drives.stamp != before, "the world to move")
@@ -87,7 +88,6 @@ def test_others_are_heard_while_a_step_runs(trotting, service, request_, reason)
     assert stamps.to_ns(answer.stamp) / 1e9 == pytest.approx(ended, abs=1e-9)
     s.advance(0.1)
     assert s.time == pytest.approx(ended + 0.1, abs=1e-9)
-    trotting.start_again()
 
 
 @pytest.fixture

@@ -78,9 +78,11 @@ def test_radio_lost_in_flight(pilot, record_property):
     s.start(graph.RC_TRANSMITTER)
     fans.robot.until(pilot.is_heard, "the new radio", within=5.0)
     assert fans.rise(back) == 0.0 and not s.propulsion.armed, "the radio is back, and fans turn"
-    pilot.take_off()
+    s.reset(seed=1)
+    pilot.arm()
 
 
+@pytest.mark.slow  # `test_sticks_failsafe_and_a_line_that_vanishes`; the unit: `test_rc_loss`
 def test_joystick_lost_in_flight(pilot, record_property):
     """The transmitter runs on, and says failsafe by itself."""
     fans, s = pilot.fans, pilot.session
@@ -90,6 +92,7 @@ def test_joystick_lost_in_flight(pilot, record_property):
     pilot.take_off()
 
 
+@pytest.mark.slow  # in one process: `test_a_lost_fan_ends_the_flight_when_the_tilt_is_watched`
 def test_fan_lost_in_flight(pilot, record_property):
     """Three fans cannot hold it: it tips over, and the rest is turned off in the air."""
     fans, s = pilot.fans, pilot.session

@@ -37,6 +37,7 @@ def damaged(time, peer, seed):
         yield bytes(spoilt)
 
 
+@pytest.mark.slow  # in one process: husky_pu's `test_any_bytes_are_survived_...`; here: the line
 def test_garbage_on_the_udp_port(assisted, stranger, record_property):
     s, robot, peer = assisted.session, assisted.robot, stranger(255, 190)
     before = robot.told(graph.FLIGHT_CONTROLLER, "frames_damaged")
@@ -90,6 +91,7 @@ def test_second_sender_of_our_ids(assisted, stranger, record_property):
     assert s.propulsion.armed, assisted.seen
 
 
+@pytest.mark.slow  # in one process: husky_pu's test_mavlink_peers
 def test_a_crowd_on_the_udp_port(assisted, stranger, record_property):
     """400 peers: a new ground station is served at once, and the companion's stream flows on."""
     s = assisted.session

@@ -79,6 +79,9 @@ def test_controller_killed_while_assisting(assisted, record_property):
     assisted.recover()
 
 
+# In one process: `test_on_an_incline_it_is_put_down_along_the_slope` (a stop, the fans fade),
+# `test_other_modes_ask_for_nothing_within_a_second_however_slow_the_slew`.
+@pytest.mark.slow
 def test_emergency_stop_while_assisting(assisted, record_property):
     """The robot is put down, and the fans end."""
     robot = assisted.robot

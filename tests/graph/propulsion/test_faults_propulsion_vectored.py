@@ -51,6 +51,7 @@ def test_vectored_commands_stop(companion, record_property):
     assert not companion.session.propulsion.armed
 
 
+@pytest.mark.slow  # in one process: `test_after_a_loss_thrust_only_falls_and_its_axis_stays[kill]`
 def test_vectored_thrust_killed(companion, record_property):
     companion.pushes(FORCE * UP_THE_WALL)
     companion.robot.trigger(graph.PROPULSION_KILL)
@@ -60,6 +61,7 @@ def test_vectored_thrust_killed(companion, record_property):
     assert times[length > NO_THRUST][-1] - times[0] < 1.0
 
 
+@pytest.mark.slow  # in one process: `test_one_fan_lost_the_rest_keep_the_direction_...`
 def test_vectored_fan_lost(companion, record_property):
     s = companion.session
     force = FORCE * UP_THE_WALL

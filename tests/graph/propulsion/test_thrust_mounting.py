@@ -23,6 +23,7 @@ def test_a_force_up_a_wall_and_back(vectoring_of_module):
     assert np.linalg.norm(companion.made()[1][-1]) < 0.5
 
 
+@pytest.mark.slow  # in one process: `test_fixed_fans_take_the_part_along_z_and_say_so`
 def test_fixed_fans_push_along_z_and_the_bridge_says_so(new_graph, commanding, held_unit):
     with new_graph(**held_unit()) as robot, closing(commanding(robot)) as companion:
         companion.arm()

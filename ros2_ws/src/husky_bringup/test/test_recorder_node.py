@@ -40,7 +40,7 @@ ROBOT_DESCRIPTION = graph.absolute(graph.ROBOT_DESCRIPTION)
 
 pytestmark = pytest.mark.graph
 
-TICKS = 1000
+TICKS = 500
 MESSAGES = Path(__file__).resolve().parents[2] / "husky_msgs" / "msg"
 OF_ROS = {"/rosout", "/parameter_events"}
 RATED = [topic for topic in graph.TOPICS if topic.rate >= 50.0]
@@ -57,14 +57,31 @@ def set_stamp(message: Any, time_ns: int) -> None:
         stamps.fill(message.stamp if hasattr(message, "stamp") else message.clock, time_ns)
 
 
+DOMAIN = 1 + os.getpid() % 19
+"""Of no graph: tests/ros_domain.py."""
+
+
+def start_recorder(*parameters: str, limit: int | None = None) -> subprocess.Popen[str]:
+    """Start a recorder, whose files may not get longer than a limit [bytes]."""
+    settings = [word for parameter in parameters for word in ("-p", parameter)]
+    command = [sys.executable, "-m", "husky_bringup.nodes.recorder", "--ros-args", *settings]
+    if limit is not None:
+        command = ["prlimit", f"--fsize={limit}", *command]
+    return subprocess.Popen(
+        command,
+        env={**os.environ, "ROS_DOMAIN_ID": str(DOMAIN)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
 class Bench:
     """A recorder process and a node that publishes every topic, in a ROS domain of their own."""
 
     def __init__(self, output: Path, *parameters: str, limit: int | None = None):
-        domain = 1 + os.getpid() % 19  # of no graph: tests/ros_domain.py
-        self.environment = {**os.environ, "ROS_DOMAIN_ID": str(domain)}
         self.context = Context()
-        rclpy.init(context=self.context, domain_id=domain)
+        rclpy.init(context=self.context, domain_id=DOMAIN)
         self.node = Node("everyone", context=self.context)
         self.publishers = {
             topic.name: self.node.create_publisher(
@@ -72,21 +89,7 @@ class Bench:
             )
             for topic in graph.TOPICS
         }
-        self.process = self.start(f"output:={output}", *parameters, limit=limit)
-
-    def start(self, *parameters: str, limit: int | None = None) -> subprocess.Popen[str]:
-        """Start a recorder, whose files may not get longer than a limit [bytes]."""
-        settings = [word for parameter in parameters for word in ("-p", parameter)]
-        command = [sys.executable, "-m", "husky_bringup.nodes.recorder", "--ros-args", *settings]
-        if limit is not None:
-            command = ["prlimit", f"--fsize={limit}", *command]
-        return subprocess.Popen(
-            command,
-            env=self.environment,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
+        self.process = start_recorder(f"output:={output}", *parameters, limit=limit)
 
     def until(self, predicate: Callable[[], bool], what: str) -> None:
         deadline = time.monotonic() + 30.0
@@ -118,14 +121,18 @@ def bench(tmp_path: Path) -> Iterator[Bench]:
     bench.close()
 
 
-def publish_run(bench: Bench) -> dict[str, int]:
-    """Two seconds of simulated time at about full speed; return messages by topic."""
+def publish_run(bench: Bench, ticks: int = TICKS) -> dict[str, int]:
+    """A second of simulated time at about full speed, or more, while there is a recorder; return
+    messages by topic.
+    """
     description = make("std_msgs/msg/String")
     description.data = "<robot/>"
     bench.publishers[ROBOT_DESCRIPTION].publish(description)
     counts = {ROBOT_DESCRIPTION: 1, CMD_VEL: 0}
     templates = {topic.name: make(topic.type) for topic in RATED}
-    for tick in range(TICKS):
+    for tick in range(ticks):
+        if bench.process.poll() is not None:
+            break
         for topic in RATED:
             period = round(1e9 / topic.rate)
             count = counts.get(topic.name, 0)
@@ -179,13 +186,26 @@ def test_a_run_is_recorded_whole(bench: Bench, tmp_path: Path) -> None:
             assert row["type_description_hash"] == offered[row["name"]], "as ROS computes it"
 
 
-def test_sigint_closes_the_bag_too(bench: Bench, tmp_path: Path) -> None:
+def test_sigint_closes_the_bag_too_and_units_are_in_the_definitions(
+    bench: Bench, tmp_path: Path
+) -> None:
+    """The comments of the installed files: as Foxglove shows them."""
     bench.connect()
     bench.process.send_signal(signal.SIGINT)
     bench.process.communicate(timeout=30.0)
     assert bench.process.returncode == 0
     counts = Recording(tmp_path / "bag").counts
     assert not {name for name, count in counts.items() if count} - {DIAGNOSTICS, *OF_ROS}
+    with (tmp_path / "bag" / "bag.mcap").open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    definitions = {s.name: s.data.decode() for s in summary.schemas.values()}
+    assert "in m/s^2" in definitions["sensor_msgs/msg/Imu"]
+    assert "A representation of pose" in definitions["nav_msgs/msg/Odometry"], "of a part"
+    for file in sorted(MESSAGES.glob("*.msg")):
+        text = definitions.get(f"husky_msgs/msg/{file.stem}", "")
+        assert not text or text.startswith(file.read_text("utf-8")), file.stem
+    assert sum(name.startswith("husky_msgs") for name in definitions) >= 10
 
 
 def test_whatever_else_is_published_is_recorded(bench: Bench, tmp_path: Path) -> None:
@@ -226,23 +246,6 @@ def test_whatever_else_is_published_is_recorded(bench: Bench, tmp_path: Path) ->
     assert not any("_hidden" in topic for topic in said)
 
 
-def test_units_are_in_the_definitions(bench: Bench, tmp_path: Path) -> None:
-    """The comments of the installed files: as Foxglove shows them."""
-    bench.connect()
-    bench.process.send_signal(signal.SIGTERM)
-    bench.process.communicate(timeout=30.0)
-    with (tmp_path / "bag" / "bag.mcap").open("rb") as stream:
-        summary = make_reader(stream).get_summary()
-    assert summary is not None
-    definitions = {s.name: s.data.decode() for s in summary.schemas.values()}
-    assert "in m/s^2" in definitions["sensor_msgs/msg/Imu"]
-    assert "A representation of pose" in definitions["nav_msgs/msg/Odometry"], "of a part"
-    for file in sorted(MESSAGES.glob("*.msg")):
-        text = definitions.get(f"husky_msgs/msg/{file.stem}", "")
-        assert not text or text.startswith(file.read_text("utf-8")), file.stem
-    assert sum(name.startswith("husky_msgs") for name in definitions) >= 10
-
-
 @pytest.fixture
 def full(tmp_path: Path) -> Iterator[Bench]:
     """With no room for the run. Fast DDS's own files in /dev/shm are half a megabyte long."""
@@ -264,7 +267,7 @@ def test_a_full_disk_and_a_kill(full: Bench, tmp_path: Path) -> None:
     executor = SingleThreadedExecutor(context=full.context)
     executor.add_node(ear)
     full.connect()
-    publish_run(full)
+    publish_run(full, 2 * TICKS)
     report, errors = full.process.communicate(timeout=30.0)
     assert full.process.returncode == 1
     problem = f"{tmp_path / 'full'}: File too large"
@@ -274,7 +277,7 @@ def test_a_full_disk_and_a_kill(full: Bench, tmp_path: Path) -> None:
     assert recording.damage == problem
     assert contiguous(recording) > 100
 
-    full.process = full.start(f"output:={tmp_path / 'bag'}")
+    full.process = start_recorder(f"output:={tmp_path / 'bag'}")
 
     def told() -> bool:
         executor.spin_once(timeout_sec=0.0)
@@ -311,15 +314,13 @@ def contiguous(recording: Recording) -> int:
         (["output:={occupied}", "overwrite:=true"], "not a bag"),
     ],
 )
-def test_bad_parameters_are_named(
-    bench: Bench, tmp_path: Path, parameters: list[str], complaint: str
-) -> None:
+def test_bad_parameters_are_named(tmp_path: Path, parameters: list[str], complaint: str) -> None:
     occupied = tmp_path / "occupied"
     occupied.mkdir()
     (occupied / "notes.txt").write_text("mine")
     if not any("output" in parameter for parameter in parameters):
         parameters = [*parameters, f"output:={tmp_path / 'other'}"]
-    process = bench.start(*(text.format(occupied=occupied) for text in parameters))
+    process = start_recorder(*(text.format(occupied=occupied) for text in parameters))
     _, errors = process.communicate(timeout=30.0)
     assert process.returncode == 1
     assert complaint in errors

@@ -240,7 +240,7 @@ def test_righting_is_refused_where_it_cannot_work_with_the_reason():
 def test_a_body_that_does_not_turn_is_given_up():
     robot = Bench()
     lay(robot, math.pi / 2)
-    robot.ask("righting").run(120.0)
+    robot.ask("righting").run(40.0)
     assert robot.controller.mode is Mode.DAMPING
     assert robot.controller.reason == "not upright after 20 rounds"
     assert robot.controller.counters.faults == 0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -46,13 +47,10 @@ def integrate(plan: Plan) -> tuple[np.ndarray, np.ndarray]:
     def rate(time: float, y: np.ndarray) -> np.ndarray:
         sample = plan.at(min(time, plan.period - 1e-9))
         rotation, omega = Rotation.from_quat(y[3:7]).as_matrix(), y[10:13]
-        force = np.array([0.0, 0.0, -WEIGHT]) + world @ sample.thrust
-        moment = -np.cross(omega, inertia @ omega)
-        for leg in np.flatnonzero(sample.stance):
-            push = world @ sample.foot_force[leg]
-            arm = world @ sample.foothold[leg] - y[:3]
-            force = force + push
-            moment = moment + rotation.T @ np.cross(arm, push)
+        pushes = sample.foot_force[sample.stance] @ world.T
+        arms = sample.foothold[sample.stance] @ world.T - y[:3]
+        force = np.array([0.0, 0.0, -WEIGHT]) + world @ sample.thrust + pushes.sum(axis=0)
+        moment = rotation.T @ np.cross(arms, pushes).sum(axis=0) - np.cross(omega, inertia @ omega)
         x, yy, z, w = y[3:7]
         p, q, r = omega
         turning = 0.5 * np.array(
@@ -90,7 +88,12 @@ def check_physics(plan: Plan) -> None:
             assert math.hypot(f[0], f[1]) <= usable * f[2] + 1e-4 * WEIGHT
 
 
-@pytest.mark.parametrize("degrees", [0, 10, 20, 30, 45, 60, 75, 90, -30])
+def and_slow(quick: tuple[int, ...], slow: tuple[int, ...]) -> list[Any]:
+    """Return values as pytest's parameters, the latter ones slow."""
+    return [*quick, *(pytest.param(value, marks=pytest.mark.slow) for value in slow)]
+
+
+@pytest.mark.parametrize("degrees", and_slow((0, 45, 90, -30), (10, 20, 30, 60, 75)))
 def test_vectored_plans_obey_physics(planner: Planner, degrees: float) -> None:
     plan = planner.plan(request(degrees))
     check_physics(plan)
@@ -101,7 +104,7 @@ def test_vectored_plans_obey_physics(planner: Planner, degrees: float) -> None:
     assert mean <= least + 0.02 * WEIGHT  # no more fan than friction asks for
 
 
-@pytest.mark.parametrize("degrees", [0, 20, 30, 45])
+@pytest.mark.parametrize("degrees", and_slow((0, 45), (20, 30)))
 def test_plans_with_thrust_along_body_z_obey_physics(planner: Planner, degrees: float) -> None:
     plan = planner.plan(request(degrees, thrust_mode="body_z"))
     check_physics(plan)
@@ -227,7 +230,7 @@ def test_least_force_at_rest_is_that_of_the_cone() -> None:
     assert not steady_forces(math.radians(10.0), 0.35)[0].any()
 
 
-@pytest.mark.parametrize("degrees", [0.0, 30.0])
+@pytest.mark.parametrize("degrees", and_slow((30,), (0,)))
 def test_the_whole_state_of_the_thesis(degrees: float) -> None:
     """T26 with joint accelerations, ground forces and thrust as inputs, one periodic cycle."""
     form = full_formulation(MACHINE)

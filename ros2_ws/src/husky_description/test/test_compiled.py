@@ -16,7 +16,7 @@ class Spring(NamedTuple):
     stiffness: float  # N/m
 
 
-@njit
+@njit(cache=True)  # compiling takes 2 s
 def press(spring, way):
     """Write the force of a spring pressed by a way (n,) [m]."""
     spring.force[:] = spring.stiffness * way

@@ -132,11 +132,13 @@ def test_the_figures_show_both_turns_and_both_places(
     recording: Recording, drawn: dict[str, Figure], tmp_path: Path
 ) -> None:
     turn_figure({"off": first_order(100.0), "on": first_order(50.0)}, tmp_path)
+    drawn["yaw_step"].draw_without_rendering()
     heading, motors, hips = drawn["yaw_step"].axes
     assert len(motors.lines) == 8 and len(hips.lines) == 4
     assert np.asarray(heading.lines[0].get_ydata()).max() == pytest.approx(30.0, rel=0.01)
     stray = stray_from(recording.base, np.zeros(3), (1.0, END))
     hold_figure(stray, stray, tmp_path)
+    drawn["hover"].draw_without_rendering()
     assert [len(axis.lines) for axis in drawn["hover"].axes] == [2, 2, 2, 2]
 
 

@@ -159,6 +159,7 @@ def test_the_figure_marks_the_steps(
     times = morph.morph_times(recording, BETA)
     stability = morph.perch_stability(recording, BETA, times.crouch, times.stand)
     perch_figure(stability, times, recording, tmp_path)
+    drawn["perch"].draw_without_rendering()
     margin, tilt = drawn["perch"].axes
     assert "lift-off" in [text.get_text() for text in tilt.texts]
     drawn_margin = np.asarray(margin.lines[0].get_ydata(), float)

@@ -129,7 +129,7 @@ def hovering():
 
 def test_it_lifts_off_its_perch_and_stays_level(hovering):
     """As much of a hover as is the autopilot's: attitude, on the thrust that the weight takes."""
-    log = hovering.run(5.0)
+    log = hovering.run(3.0)
     yaw, pitch, roll, height, torque, thrust = log.T
     assert np.sqrt(np.mean(roll**2)) < 2.0 and np.sqrt(np.mean(pitch**2)) < 2.0
     assert np.abs(yaw - yaw[0]).max() < 3.0

@@ -192,7 +192,7 @@ def any_message(draw):
 
 
 @settings(
-    max_examples=300,
+    max_examples=150,  # each takes 8 ms
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.large_base_example],
 )
 @given(st.lists(any_message(), max_size=5), st.booleans())

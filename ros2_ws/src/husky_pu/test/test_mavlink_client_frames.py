@@ -56,7 +56,7 @@ def frames(autopilot, count=3):
     return found
 
 
-@settings(max_examples=150)
+@settings(max_examples=80)
 @given(data=st.data())
 def test_good_frames_survive_garbage_and_truncation_between_them(make_autopilot, data):
     """Junk holds no byte that could begin a frame; a piece of a frame may hold what it likes."""

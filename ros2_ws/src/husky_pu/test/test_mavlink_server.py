@@ -648,7 +648,7 @@ def frames():
     )
 
 
-@settings(max_examples=150, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=80, suppress_health_check=[HealthCheck.too_slow])
 @given(
     st.lists(st.one_of(frames(), st.binary(max_size=60), st.integers(1, 40)), max_size=30),
     st.booleans(),

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given, reject, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
@@ -23,7 +23,14 @@ POSTURES = st.lists(st.floats(-0.25, 0.25), min_size=12, max_size=12)
 
 
 def mixer_of(offsets):
-    return WeightedMixer(ROBOT, rotor_geometry(ROBOT, FLIGHT + np.array(offsets)))
+    geometry = rotor_geometry(ROBOT, FLIGHT + np.array(offsets))
+    try:
+        return WeightedMixer(ROBOT, geometry)
+    except ValueError:  # of one posture in two thousand: there, an axis comes with others
+        rows = geometry.effectiveness(MIXER.fan.moment_per_thrust)[2:]
+        rows /= np.linalg.norm(rows, axis=1)[:, None]
+        assert np.linalg.svd(rows, compute_uv=False)[-1] < 0.02
+        reject()
 
 
 @settings(max_examples=60, deadline=None)

@@ -58,16 +58,16 @@ WIDTH = {"low": 1000.0, "high": 1600.0, "none": 0.0}
 @given(RUNS)
 def test_bridge_closes_and_opens_as_the_history_of_pulses_says(runs):
     kinds = [kind for kind, length in runs for _ in range(length)]
+    ends = range(ARMING - 1, len(kinds))
+    seconds_of_low = [m for m in ends if set(kinds[m - ARMING + 1 : m + 1]) == {"low"}]
     escs = make()
     for n in range(len(kinds)):
         out = run(escs, WIDTH[kinds[n]], 1)
         # Declared over the whole history: some second of low pulses, and since then no gap.
-        windows = [
-            m for m in range(ARMING - 1, n + 1) if set(kinds[m - ARMING + 1 : m + 1]) == {"low"}
-        ]
+        armed_at = max((m for m in seconds_of_low if m <= n), default=None)
         drives = False
-        if windows:
-            since = "".join(kind[0] for kind in kinds[windows[-1] : n + 1])
+        if armed_at is not None:
+            since = "".join(kind[0] for kind in kinds[armed_at : n + 1])
             drives = "n" * (TIMEOUT + 1) not in since
         assert (out != OPEN) == drives
 

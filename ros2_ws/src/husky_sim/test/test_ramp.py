@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from husky_sim.ramp import Ramp
@@ -12,6 +12,7 @@ from husky_sim.ramp import Ramp
 slopes = st.floats(0.0, math.pi / 2)
 
 
+@settings(max_examples=40)  # each is of 4001 points
 @given(slopes, st.floats(0.05, 3.0))
 def test_it_is_smooth_and_its_lengths_are_lengths(slope, blend):
     ramp = Ramp(slope, approach=1.0, blend=blend, length=2.0, top=1.5)

@@ -1,5 +1,6 @@
 """The servos' master on emulated servos, tick by tick; joints that nothing turns."""
 
+import dataclasses
 import re
 import select
 
@@ -32,7 +33,10 @@ class Loop(Line):
     def __init__(self, directory):
         super().__init__(directory)
         self.motors.update_state(STAND)
-        self.master = ServoMaster(ServoChain(self.port), servo_settings(ROBOT, SERVO, 0.01))
+        settings = servo_settings(ROBOT, SERVO, 0.01)
+        # A tick takes 0.7 ms here: the longest hold is 3 s, not 13 s.
+        settings = dataclasses.replace(settings, landing_ticks=1000, yield_ticks=500)
+        self.master = ServoMaster(ServoChain(self.port), settings)
         self.port.close()
         self.master.connect()
         self.ticks, self.lands, self.target = 0, False, STAND

@@ -5,7 +5,6 @@ import math
 
 import numpy as np
 import pytest
-from scipy.signal import welch
 
 from husky_description.robot import load_robot
 from husky_drivers.vn200.imu import ImuFigures
@@ -21,6 +20,8 @@ def rows(figures, seed, count):
 
 def test_white_noise_has_the_density_of_the_figures():
     """One-sided spectral density by Welch's method, 200 s: its mean is good to 1 %."""
+    from scipy.signal import welch  # here, else each worker takes half a second to collect this
+
     data = rows(FIGURES, 1, 160_000)
     frequency, power = welch(data[:, :6], fs=800.0, nperseg=800, axis=0)
     density = np.sqrt(power[(frequency > 5) & (frequency < 395)].mean(axis=0))
