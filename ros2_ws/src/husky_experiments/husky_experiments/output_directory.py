@@ -1,127 +1,220 @@
 """The directory of an experiment's results, in which what somebody else has put there stays.
 
-A run begins in an empty directory: what was there waits in a subdirectory. Once the graph runs, the
-files that the earlier run had written are removed, and all others come back. A run that does not
-get that far leaves everything as it was.
+A run writes into a subdirectory. When it is over its files move up, in place of those that the
+earlier run had written; a run that has not begun well leaves everything as it was. A list of the
+run's files tells the next run what it may replace: files as they were written. A file that was
+changed since, or lies where a new one goes, is kept under another name.
 """
 
 from __future__ import annotations
 
+import contextlib
+import errno
+import fcntl
 import itertools
+import json
+import os
+import re
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple
 
-MANIFEST, BEGUN = "files.txt", ".begun"
-"""The list of the files that a run has written, and the mark of one that has not ended."""
-_EARLIER, _LEFT = ".earlier", "left"
-"""Subdirectories: what waits, and, with a number, what runs without a list of files have left."""
+from husky_runtime.stored_file import write_atomically
+
+MANIFEST, WORK = "files.txt", ".running"
+"""The list of the files of a run, and the subdirectory that it writes into."""
+_LEFT = re.compile(r"left_[0-9]+")
+"""Subdirectories with what runs that were killed, or of versions without a list, have left."""
 _RESULT = "result.json"
 """What every run that has ended has written, also before there was a list."""
-_HEAD = "# The files of this run. The next run into this directory replaces them and no others.\n"
+_HEAD = (
+    "# Files of this run (time of change [ns], size, name): the next run replaces them, no others."
+)
+
+
+class _Written(NamedTuple):
+    """A file as a run has written it."""
+
+    changed: int
+    """Time of its last change [ns]."""
+    size: int
+    name: str
+    """Relative to the directory."""
 
 
 class OutputDirectory:
-    """An empty directory to write into.
+    """Where a run writes, and what it replaces in the end.
 
     Attributes:
-        path: of the directory.
-        notice: what became of an earlier run that has left no list of its files, "" where none has.
+        path: the directory of the results.
+        work: its subdirectory to write into.
+        as_it_was: whether the run has ended without touching earlier results.
+        notice: what became of a run that was killed, "" where none was.
     """
 
     def __init__(self, path: Path):
-        """Make it, and let earlier results wait.
+        """Make both directories. Earlier results are not touched.
 
         Raises:
             FileExistsError: it holds something else than an earlier run.
+            BlockingIOError: another run writes into it.
             OSError: it cannot be made.
         """
-        self.path, self.notice = path, ""
-        self._earlier = path / _EARLIER
-        self._kept: set[Path] = set()
+        self.path, self.work = path, path / WORK
+        self.as_it_was, self.notice = False, ""
+        self._begun = self._over = False
         path.mkdir(parents=True, exist_ok=True)
-        unlisted = (path / _RESULT).exists() and not (path / MANIFEST).exists()
-        if self.waits:  # the run before was killed before it had begun
-            self._put_aside()
-            self._bring_back()
-        elif (path / BEGUN).exists() or unlisted:
-            self._put_aside()
-        there = [each for each in path.iterdir() if not each.name.startswith(_LEFT)]
-        if there and not (path / MANIFEST).is_file():
-            raise FileExistsError(f"{path} holds something else than an earlier run")
-        if there:
-            self._earlier.mkdir()
-            for each in there:
-                each.rename(self._earlier / each.name)
-        (path / BEGUN).touch()
-
-    @property
-    def waits(self) -> bool:
-        """Whether earlier results wait for the run to begin."""
-        return self._earlier.exists()
-
-    def leave(self) -> None:
-        """Note which files were written; or, where the run has not begun, bring back the others."""
-        if self.waits:
-            for each in self._written():
-                each.unlink()
-            self._remove_empty(self.path)
-            self._bring_back()
-            return
-        (self.path / BEGUN).unlink(missing_ok=True)
-        names = sorted(each.relative_to(self.path).as_posix() for each in self._written())
-        (self.path / MANIFEST).write_text(_HEAD + "".join(f"{n}\n" for n in names), "utf-8")
+        self._lock = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+        try:
+            _take(self._lock, path)
+            self._listed = self._has_list()
+            self._earlier = list(self._others())
+            if self._earlier and not (self._listed or self._is_of_a_version_without_list()):
+                raise FileExistsError(f"{path} holds something else than an earlier run")
+            if os.path.lexists(self.work):
+                aside = self._new_left()
+                self.work.rename(aside)
+                self.notice = f"what a run before has left that was killed is in {aside}/"
+            self.work.mkdir()
+        except OSError:
+            os.close(self._lock)
+            raise
 
     def begun(self) -> None:
-        """The run is under way: remove the files of the earlier one, keep those of others."""
-        if not self.waits:
-            return
-        manifest = self._earlier / MANIFEST
-        for name in manifest.read_text("utf-8").splitlines():
-            listed = self._earlier / name
-            inside = self._earlier in listed.parents and ".." not in listed.parts
-            if inside and not name.startswith("#") and listed.is_file():
-                listed.unlink()
-        manifest.unlink()
-        self._remove_empty(self._earlier)
-        self._bring_back()
+        """The run is under way: its files are to replace the earlier ones."""
+        self._begun = True
 
-    def _written(self) -> Iterator[Path]:
-        """Yield the files of this run."""
-        for each in sorted(self.path.rglob("*")):
-            name = each.relative_to(self.path)
-            others = name.parts[0] == _EARLIER or name.parts[0].startswith(_LEFT)
-            if not (others or each.is_dir() or name in self._kept):
+    def leave(self) -> None:
+        """Put the files of the run in place; or, where it has not begun, leave what was there.
+
+        Does nothing the second time.
+
+        Raises:
+            OSError: a file could not be replaced; what is left of the run is in `work`.
+        """
+        if self._over:
+            return
+        self._over = True
+        try:
+            self.as_it_was = bool(self._earlier) and not self._begun
+            if not self.as_it_was:
+                self._replace()
+            shutil.rmtree(self.work)
+        finally:
+            os.close(self._lock)
+
+    # What is there ----------------------------------------------------------------------------
+    def _others(self) -> Iterator[Path]:
+        """Yield what lies in the directory, without what runs have left that were killed."""
+        for each in sorted(self.path.iterdir()):
+            if each.name != WORK and not _LEFT.fullmatch(each.name):
                 yield each
 
-    def _bring_back(self) -> None:
-        """Move what waits to where it was."""
-        for each in [each for each in self._earlier.rglob("*") if not each.is_dir()]:
-            name = each.relative_to(self._earlier)
-            place = self.path / name
-            place.parent.mkdir(parents=True, exist_ok=True)
-            while place.exists():
-                place = place.with_name(f"{place.name}.kept")
-            each.rename(place)
-            self._kept.add(place.relative_to(self.path))
-        shutil.rmtree(self._earlier)
+    def _has_list(self) -> bool:
+        """Return whether there is a list that a run has written."""
+        with contextlib.suppress(OSError), (self.path / MANIFEST).open("rb") as file:
+            return file.readline().rstrip() == _HEAD.encode()
+        return False
 
-    def _put_aside(self) -> None:
-        """Move what a run has left that was killed, or of a version without a list of files."""
-        names = (f"{_LEFT}_{number}" for number in itertools.count(1))
-        aside = next(self.path / name for name in names if not (self.path / name).exists())
-        left = [
-            each
-            for each in self.path.iterdir()
-            if each.name != _EARLIER and not each.name.startswith(_LEFT)
-        ]
-        aside.mkdir()
-        for each in left:
-            each.rename(aside / each.name)
-        self.notice = f"the run before has not listed its files: what was here is in {aside}/"
+    def _is_of_a_version_without_list(self) -> bool:
+        with contextlib.suppress(OSError, ValueError):
+            result = json.loads((self.path / _RESULT).read_text("utf-8"))
+            return isinstance(result, dict) and {"experiment", "criteria"} <= result.keys()
+        return False
 
-    def _remove_empty(self, directory: Path) -> None:
-        """Remove directories in which nothing is."""
-        for each in sorted(directory.rglob("*"), reverse=True):
-            if each.is_dir() and not each.is_symlink() and not any(each.iterdir()):
-                each.rmdir()
+    def _list(self) -> set[_Written]:
+        """Return what the list says, as far as it can be read."""
+        if not self._listed:
+            return set()
+        found = set()
+        for line in (
+            (self.path / MANIFEST).read_bytes().decode("utf-8", "surrogateescape").split("\n")
+        ):
+            changed, _, rest = line.partition(" ")
+            size, _, name = rest.partition(" ")
+            inside = not (name.startswith("/") or ".." in Path(name).parts)
+            if changed.isdecimal() and size.isdecimal() and inside:
+                found.add(_Written(int(changed), int(size), name))
+        return found
+
+    def _write_list(self, files: set[_Written]) -> None:
+        lines = [_HEAD, *(f"{f.changed} {f.size} {f.name}" for f in sorted(files))]
+        content = "".join(f"{line}\n" for line in lines)
+        write_atomically(self.path / MANIFEST, content.encode("utf-8", "surrogateescape"))
+
+    def _is_as_written(self, file: _Written) -> bool:
+        """Return whether a file of the list is still there, below no link, and unchanged."""
+        place = self.path / file.name
+        with contextlib.suppress(OSError):
+            found = place.lstat()
+            same = (found.st_mtime_ns, found.st_size) == (file.changed, file.size)
+            parents = [p for p in place.parents if self.path in p.parents]
+            return same and place.is_file() and not any(p.is_symlink() for p in (place, *parents))
+        return False
+
+    # What is done -----------------------------------------------------------------------------
+    def _replace(self) -> None:
+        """Remove what the earlier run has written, and put what this one has written there."""
+        new = set(_files(self.work))
+        old = self._list()
+        if self._earlier and not self._listed:
+            aside = self._new_left()
+            aside.mkdir()
+            for each in sorted(self._earlier, key=lambda each: each.name == _RESULT):
+                each.rename(aside / each.name)  # last the one by which the next run knows them
+        self._write_list(old | new)  # if this is broken off, the next run knows all of them
+        for file in old:
+            if self._is_as_written(file):
+                (self.path / file.name).unlink()
+        for directory in sorted({p for file in old for p in Path(file.name).parents}, reverse=True):
+            if directory.parts and not (self.path / directory).is_symlink():
+                with contextlib.suppress(OSError):  # somebody else's files are in it
+                    (self.path / directory).rmdir()
+        for file in sorted(new):
+            self._put(file.name)
+        self._write_list(new)
+
+    def _put(self, name: str) -> None:
+        """Move a file of this run to its place; what is in its way gets another name."""
+        place = self.path / name
+        for parent in reversed([p for p in place.parents if self.path in p.parents]):
+            if parent.is_symlink() or not parent.is_dir():
+                _keep(parent)
+            parent.mkdir(exist_ok=True)
+        _keep(place)
+        (self.work / name).rename(place)
+
+    def _new_left(self) -> Path:
+        """Return the first name that is free for what a run has left."""
+        names = (self.path / f"left_{number}" for number in itertools.count(1))
+        return next(name for name in names if not os.path.lexists(name))
+
+
+def _take(descriptor: int, path: Path) -> None:
+    """Lock a directory; some file systems have no locks."""
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        raise BlockingIOError(errno.EAGAIN, f"another run writes into {path}") from error
+    except OSError as error:
+        if error.errno not in (errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS):
+            raise
+
+
+def _files(directory: Path) -> Iterator[_Written]:
+    """Yield the files below a directory."""
+    for each in directory.rglob("*"):
+        if each.is_symlink() or not each.is_dir():
+            found = each.lstat()
+            name = each.relative_to(directory).as_posix()
+            yield _Written(found.st_mtime_ns, found.st_size, name)
+
+
+def _keep(place: Path) -> None:
+    """Give what is at a place, if anything, another name."""
+    if os.path.lexists(place):
+        names = (f"{place.name}.kept{n}" for n in ("", *map(str, range(2, 1000))))
+        place.rename(
+            next(place.with_name(n) for n in names if not os.path.lexists(place.with_name(n)))
+        )

@@ -42,13 +42,14 @@ class Run:
 
     Attributes:
         options: the parsed command line.
-        output: directory of everything that the run leaves.
+        results: directory of everything that the run leaves.
+        output: where it writes until it is over, a subdirectory of `results`.
         metrics: what was measured; ends up in `result.json`.
         criteria: what had to hold, by name: `{"value", "bound", "ok"}`.
     """
 
     def __init__(self, name: str, options: argparse.Namespace):
-        """Make an empty output directory.
+        """Make an empty directory to write into.
 
         Raises:
             FileExistsError: it holds something else than an earlier run.
@@ -56,7 +57,7 @@ class Run:
         """
         self.name = name
         self.options = options
-        self.output: Path = options.output
+        self.results: Path = options.output
         self.metrics: dict[str, Any] = {}
         self.criteria: dict[str, dict[str, Any]] = {}
         self._progress = Progress()
@@ -64,7 +65,8 @@ class Run:
         self._robot = ROBOTS[0]
         self._started = time.monotonic()
         self._simulated = 0.0
-        self._directory = OutputDirectory(self.output)
+        self._directory = OutputDirectory(self.results)
+        self.output = self._directory.work
         if self._directory.notice:
             self.say(self._directory.notice)
 
@@ -73,8 +75,8 @@ class Run:
         return self
 
     def __exit__(self, *exception: object) -> None:
-        """Leave the output directory with what was written, or as it was."""
-        self._directory.leave()
+        """Leave the directory of results with what was written, or as it was."""
+        self._leave()
 
     # The graph ------------------------------------------------------------------------------
     @contextmanager
@@ -216,18 +218,31 @@ class Run:
             "criteria": self.criteria,
         }
         try:
-            write_atomically(
-                self.output / RESULT_FILE, (json.dumps(result, indent=2) + "\n").encode()
-            )
-            waits = self._directory.waits
-            print(f"{self.output}/ is as it was" if waits else f"results in {self.output}/")
+            text = json.dumps(result, indent=2) + "\n"
+            write_atomically(self.output / RESULT_FILE, text.encode())
         except OSError as error:
             ok = False
             print(f"error: {self.output / RESULT_FILE}: {error.strerror}", file=sys.stderr)
+        if not self._leave():
+            ok = False
+        elif self._directory.as_it_was:
+            print(f"{self.results}/ is as it was")
+        else:
+            print(f"results in {self.results}/")
         for line in self._hints:
             print(line)
         print(json.dumps(result), flush=True)
         return 0 if ok else 1
+
+    def _leave(self) -> bool:
+        """Leave the directory of results; return whether that could be done, or say why not."""
+        try:
+            self._directory.leave()
+        except OSError as error:
+            place = error.filename2 or error.filename or self.results
+            print(f"error: {place}: {error.strerror}", file=sys.stderr)
+            return False
+        return True
 
 
 def _plain(value: Any) -> Any:

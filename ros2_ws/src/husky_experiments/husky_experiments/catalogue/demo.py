@@ -36,12 +36,12 @@ def run(run: Run) -> None:
     run.require("falls", falls, upper=0)
     run.require("distance_m", lower=0.9 * options.distance)
     run.illustrate()
-    shown = [f"{run.output}/figures/*.png"]
+    shown = [f"{run.results}/figures/*.png"]
     if (run.output / "video.mp4").exists():
-        shown.insert(0, f"{run.output}/video.mp4")
+        shown.insert(0, f"{run.results}/video.mp4")
     run.hint(
         f"look:  {' and '.join(shown)}",
-        f"open:  {run.output}/bag in Foxglove or PlotJuggler",
+        f"open:  {run.results}/bag in Foxglove or PlotJuggler",
         "next:  scripts/experiment.sh                (all experiments)",
         "       scripts/bringup.sh                   (the robot in real time; in a second shell:)",
         "       . scripts/env.sh && ros2 topic list && ros2 run husky_bringup teleop",
