@@ -18,8 +18,8 @@ from husky_bringup.settings import (
     HelpFormatter,
     Settings,
     add_set_option,
-    check_parameter_file,
     collect,
+    nodes_of_file,
 )
 from husky_bringup.system import TIMES, NodeSpec, simulated_robot
 from husky_description.robot import ROBOTS
@@ -35,13 +35,16 @@ def leave_out(specs: Sequence[NodeSpec], names: Sequence[str]) -> tuple[NodeSpec
     """Return the nodes without some of them.
 
     Raises:
-        ValueError: one of them is not there.
+        ValueError: one of them is not there, or none is left.
     """
     known = [spec.name for spec in specs]
     for name in names:
         if name not in known:
             raise ValueError(f"there is no node {name!r}, the graph has {', '.join(known)}")
-    return tuple(spec for spec in specs if spec.name not in names)
+    left = tuple(spec for spec in specs if spec.name not in names)
+    if not left:
+        raise ValueError("no node is left")
+    return left
 
 
 def add_robot_options(parser: argparse.ArgumentParser) -> None:
@@ -141,15 +144,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = make_parser()
     options = parser.parse_args(arguments)
     try:
-        if options.params_file is not None:
-            check_parameter_file(Path(options.params_file))
         specs = leave_out(robot_of(options, console=options.console), options.without)
+        names = {spec.name for spec in specs}
+        if options.params_file is not None:
+            for name in sorted(nodes_of_file(Path(options.params_file)) - names):
+                print(f"note: {options.params_file}: {name} is not started", file=sys.stderr)
     except ValueError as error:
         parser.error(str(error))
     try:
         with Processes(params_file=options.params_file, namespace=options.namespace) as processes:
             processes.start_all(specs)
-            names = {spec.name for spec in specs}
             print(f"starting {', '.join(sorted(names))}; Ctrl-C ends them", flush=True)
             with discovery(domain_of(os.environ), options.namespace) as seen:
                 codes = watch(processes, lambda: names <= seen())

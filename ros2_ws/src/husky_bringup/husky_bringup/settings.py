@@ -96,8 +96,8 @@ def collect(settings: Sequence[tuple[str, str, ParameterValue]]) -> Settings:
     return result
 
 
-def check_parameter_file(path: Path) -> None:
-    """Look whether a file is a ROS parameter file, before each node looks into it.
+def nodes_of_file(path: Path) -> set[str]:
+    """Return which nodes a ROS parameter file names, without namespaces and patterns.
 
     Raises:
         ValueError: it is not; says why.
@@ -112,15 +112,20 @@ def check_parameter_file(path: Path) -> None:
         raise ValueError(f"{path} is no YAML in UTF-8: {where}") from error
     if not isinstance(content, dict) or not content:
         raise ValueError(f"{path} {'is empty' if content is None else 'has no nodes'}: {wanted}")
+    names = set()
     for name, section in content.items():
-        if not _has_parameters(section):
+        found = _nodes_below(str(name), section)
+        if found is None:
             raise ValueError(f"{path}: {name} has no ros__parameters: {wanted}")
+        names |= found
+    return {name for name in names if "*" not in name}
 
 
-def _has_parameters(section: object) -> bool:
-    """Return whether what a file has below a name is of a node, or of nodes in a namespace."""
+def _nodes_below(name: str, section: object) -> set[str] | None:
+    """Return the nodes of a section: its own, or those of a namespace; None if there are none."""
     if not (isinstance(section, dict) and section):
-        return False
+        return None
     if "ros__parameters" in section:
-        return isinstance(section["ros__parameters"], dict)
-    return all(map(_has_parameters, section.values()))
+        return {name.rpartition("/")[2]} if isinstance(section["ros__parameters"], dict) else None
+    below = [_nodes_below(str(each), inner) for each, inner in section.items()]
+    return None if None in below else {found for names in below for found in names or ()}

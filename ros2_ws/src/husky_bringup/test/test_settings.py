@@ -5,7 +5,7 @@ import math
 
 import pytest
 
-from husky_bringup.settings import check_parameter_file, collect, parse_setting, read_value
+from husky_bringup.settings import collect, nodes_of_file, parse_setting, read_value
 from husky_bringup.system import NodeSpec, to_yaml
 
 VALUES = (
@@ -111,12 +111,12 @@ def test_what_is_no_parameter_file_is_refused_in_one_line(tmp_path, content, wor
     if content is not None:
         file.write_bytes(content)
     with pytest.raises(ValueError, match=r"robot\.yaml") as error:
-        check_parameter_file(file)
+        nodes_of_file(file)
     assert words in str(error.value) and "\n" not in str(error.value)
 
 
 def test_parameter_files_with_umlauts_and_namespaces_are_taken(tmp_path):
     file = tmp_path / "robot.yaml"
     text = "/**: {ros__parameters: {x: 1}}\nfleet: {räuber: {ros__parameters: {}}}\n"
-    file.write_text(text, "utf-8")
-    check_parameter_file(file)
+    file.write_text(text + "/robot1/plant: {ros__parameters: {x: 1}}\n", "utf-8")
+    assert nodes_of_file(file) == {"räuber", "plant"}
