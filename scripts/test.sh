@@ -28,7 +28,7 @@ for argument in "$@"; do
 done
 
 cd "$root"
-# Who runs below this shell ends with it, also when it is killed (husky_runtime.starter).
+# Everything below this shell ends with it, also when it is killed (husky_runtime.starter).
 status="$(< "/proc/$$/stat")"
 read -r -a status <<< "${status##*) }"
 export HUSKY_STARTER="$$:${status[19]}"

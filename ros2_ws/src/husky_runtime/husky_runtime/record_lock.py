@@ -1,4 +1,4 @@
-"""Record locks of Linux on whole files: who looks sees them without touching them (fcntl(2)).
+"""Record locks of Linux on whole files: another process sees them without touching them (fcntl(2)).
 
 Their files lie in directories below /tmp in which each user may make files and nobody removes those
 of others, as in /tmp itself: a robot of one user keeps another user's out of its ROS domain.
