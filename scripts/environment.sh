@@ -120,7 +120,7 @@ search_paths_of_workspace() { # its install space, and its packages' sources, wh
 own_directory() { # directories: the first that is ours to write in, made if need be
     local directory
     for directory in "$@"; do
-        # What is cached is run: no directory that somebody else has made.
+        # What is cached is run: no directory that somebody else has made; nor one in a home that is none (Debian Policy, 9.2.3).
         if [ "${directory#/nonexistent}" = "$directory" ] && mkdir -p "$directory" 2> /dev/null && [ -w "$directory" ] && [ -O "$directory" ]; then
             break
         fi

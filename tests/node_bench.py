@@ -247,6 +247,23 @@ class DeviceBench(NodeBench):
         super()._give_back()
 
 
+def shared_bench(kind: Callable[..., NodeBench], **parameters: Any) -> Any:
+    """Return a fixture: one bench for tests of a module that come last, when no other node runs.
+
+    Args:
+        kind: of the bench, made of a domain, a directory and these parameters.
+        parameters: of the node.
+    """
+
+    @pytest.fixture(scope="module")
+    def bench(domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[NodeBench]:
+        bench = kind(domain, tmp_path_factory.mktemp("bench"), **parameters)
+        yield bench
+        bench.close()
+
+    return bench
+
+
 def every(period: float, act: Callable[[], object]) -> Callable[[], None]:
     """Return what acts when it is called, but only once in a period of wall time [s]."""
     last = -math.inf

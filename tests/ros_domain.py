@@ -11,7 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from husky_runtime import graph, record_lock
+from husky_runtime import graph
+from husky_runtime.domain_locks import occupants
 
 _DOMAINS = range(20, 100)
 
@@ -42,17 +43,8 @@ def held_domain(name: str) -> Iterator[int]:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
                 continue
-            if any(map(_has_a_node, directory.glob("*.node"))):
+            if occupants(graph.NODES, number, {}):
                 continue
             yield number
         return
     pytest.fail(f"ROS domains {_DOMAINS} are all in use")
-
-
-def _has_a_node(file: Path) -> bool:
-    """Return whether a living node holds this file (`husky_runtime.domain_locks`)."""
-    descriptor = os.open(file, os.O_RDONLY | os.O_CLOEXEC)
-    try:
-        return record_lock.owner(descriptor) is not None
-    finally:
-        os.close(descriptor)

@@ -228,7 +228,7 @@ cd() { echo "not there"; }; dirname() { echo /nowhere; }; mkdir() { false; }; ls
 export -f cd dirname mkdir ls; export CDPATH=.:/tmp BASH_ENV=/nowhere IFS=x GREP_OPTIONS=-v
 shopt -s expand_aliases nullglob failglob; alias cp='false' unset='false' bash='false'; set -fCu
 """
-"""What a shell of somebody may have, or hand on to programs."""
+"""State that a shell may have, or hand on to programs."""
 
 
 def test_nothing_of_the_callers_shell_matters_to_env(tmp_path: Path) -> None:

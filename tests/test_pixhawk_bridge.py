@@ -10,7 +10,7 @@ pytest.importorskip("rclpy")
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from lifecycle_msgs.msg import State, Transition
-from node_bench import DeviceBench, assert_refused, every
+from node_bench import DeviceBench, assert_refused, every, shared_bench
 from pymavlink.dialects.v20 import common as mavlink
 from scripted_autopilot import ScriptedAutopilot
 from sensor_msgs.msg import BatteryState
@@ -229,12 +229,8 @@ def test_bad_parameters_end_it_with_a_sentence(domain, tmp_path):
         assert_refused(MODULE, words, **parameters)
 
 
-@pytest.fixture(scope="module")
-def plain_bench(domain, tmp_path_factory):
-    """Nobody arms it; the tests that share it come last, when no other bridge runs."""
-    bench = Bench(domain, tmp_path_factory.mktemp("bench"), time="realtime")
-    yield bench
-    bench.close()
+plain_bench = shared_bench(Bench, time="realtime")
+"""Nobody arms it."""
 
 
 def test_a_full_current_field_is_told_as_such(plain_bench):

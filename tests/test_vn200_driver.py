@@ -11,7 +11,7 @@ pytest.importorskip("rclpy")
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from lifecycle_msgs.msg import State, Transition
-from node_bench import SensorBench, assert_refused
+from node_bench import SensorBench, assert_refused, shared_bench
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Imu
 
@@ -130,12 +130,7 @@ def test_bad_parameters_end_it_with_a_sentence(domain):
         assert_refused(MODULE, words, **parameters)
 
 
-@pytest.fixture(scope="module")
-def plain_bench(domain, tmp_path_factory):
-    """With the defaults; the tests that share it come last, when no other driver runs."""
-    bench = Bench(domain, tmp_path_factory.mktemp("bench"))
-    yield bench
-    bench.close()
+plain_bench = shared_bench(Bench)
 
 
 def test_samples_in_ros_axes_stamped_by_the_device(plain_bench):

@@ -15,6 +15,7 @@ from husky_control.flight.hover import AIRBORNE, Hover, HoverPhase
 from husky_control.flight.hover_gains import HoverGains
 from husky_control.tick_data import T265Pose
 from husky_description.robot import load_robot
+from husky_description.rotation import about_z, conjugate, multiply, rotate, to_rotation_vector
 
 ROBOT = load_robot()
 LEVER = np.array(ROBOT.t265.position)
@@ -40,43 +41,16 @@ def unturning(rotation, quaternion, position, velocity, turning=0.0):
     """The same of a base that does not turn: matrix, quaternion, place [m], velocity in world."""
     pose = T265Pose(stamp=0.0, variance=0.01)
     pose.position[:] = position + rotation @ LEVER
-    pose.orientation[:] = product(quaternion, MOUNT_QUATERNION)
+    pose.orientation[:] = multiply(quaternion, MOUNT_QUATERNION)
     pose.velocity[:] = TO_CAMERA @ (velocity @ rotation + turning)
     return pose
 
 
-# Of quaternions (x, y, z, w); a body that used SciPy's would take three times as long.
-def product(a, b):
-    x, y, z, w = map(float, a)
-    p, q, r, s = map(float, b)
-    return (
-        w * p + x * s + y * r - z * q,
-        w * q - x * r + y * s + z * p,
-        w * r + x * q - y * p + z * s,
-        w * s - x * p - y * q - z * r,
-    )
-
-
-def part_of(quaternion, share):
-    """Turn by a small share of the way that a quaternion turns."""
-    x, y, z, w = quaternion if quaternion[3] >= 0.0 else [-value for value in quaternion]
-    size = math.sqrt(x * x + y * y + z * z)
-    if size < 1e-12:
-        return 0.0, 0.0, 0.0, 1.0
-    half = share * math.atan2(size, w)
-    scale = math.sin(half) / size
-    return x * scale, y * scale, z * scale, math.cos(half)
+AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 def matrix(quaternion):
-    x, y, z, w = quaternion
-    return np.array(
-        (
-            (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
-            (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
-            (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
-        )
-    )
+    return np.array([rotate(quaternion, axis) for axis in AXES]).T
 
 
 class Body:
@@ -89,7 +63,7 @@ class Body:
         self.position, self.velocity = np.zeros(3), np.zeros(3)
         self.camera = np.zeros(3)  # error of the camera's position
         self.camera_yaw = 0.0
-        self.base = tuple(Rotation.from_euler("z", yaw).as_quat())
+        self.base = about_z(yaw)  # a quaternion: SciPy's rotations take three times as long
         self.rotation = matrix(self.base)
         self.trim = tuple(Rotation.from_euler("xyz", (*trim, 0.0)).as_quat())
         self.thrust = self.time = 0.0
@@ -103,7 +77,7 @@ class Body:
         rotation, base, place, velocity = self.rotation, self.base, self.position, self.velocity
         if self.camera_yaw:
             turn = Rotation.from_euler("z", self.camera_yaw)
-            base, rotation = product(turn.as_quat(), base), turn.as_matrix() @ rotation
+            base, rotation = multiply(about_z(self.camera_yaw), base), turn.as_matrix() @ rotation
             place, velocity = turn.apply(place), turn.apply(velocity)
         pose = unturning(rotation, base, place + self.camera, velocity)
         pose.stamp, pose.variance = self.time, self.variance
@@ -122,9 +96,9 @@ class Body:
         down = 4 if self.position[2] <= 0.0 and self.thrust < 0.8 * self.mass * G else 0
         force = self.specific_force
         hover.tick(self.time, self.poses[0], self.rotation, force, down, self.yaw, DT)
-        x, y, z, w = self.base
-        turn = product(product(self.trim, hover.attitude), (-x, -y, -z, w))
-        self.base = product(part_of(turn, DT / 0.25), self.base)
+        turn = multiply(multiply(self.trim, hover.attitude), conjugate(self.base))
+        x, y, z = (0.5 * DT / 0.25 * way for way in to_rotation_vector(turn))
+        self.base = multiply((x, y, z, math.sqrt(1.0 - x * x - y * y - z * z)), self.base)
         self.rotation = matrix(self.base)
         self.thrust += (min(hover.force, self.most) - self.thrust) * DT / 0.12
         lift = self.rotation[:, 2] * self.thrust / self.mass

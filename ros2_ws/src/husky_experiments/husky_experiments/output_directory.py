@@ -27,7 +27,7 @@ MANIFEST, WORK = "files.txt", ".running"
 _LEFT = re.compile(r"left_[0-9]+")
 """Subdirectories with what runs that were killed, or of versions without a list, have left."""
 _RESULT = "result.json"
-"""What every run that has ended has written, also before there was a list."""
+"""Every run that has ended has written it, also before there was a list."""
 _HEAD = (
     "# Files of this run (time of change [ns], size, name): the next run replaces them, no others."
 )

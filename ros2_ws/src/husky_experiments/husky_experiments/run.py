@@ -24,7 +24,7 @@ from husky_runtime.stored_file import write_atomically
 SCENE_FILE = "scene.xml"
 """The world of a recording, saved by the plant beside the bag."""
 RESULT_FILE = "result.json"
-"""What a run ends with."""
+"""The file that a run ends with."""
 _GRACE = 10.0
 """Wall time for which nodes wait for each other [s]: an experiment is no test of a busy machine."""
 _WAITING = (
@@ -38,7 +38,7 @@ _WAITING = (
 
 
 class Run:
-    """What an experiment fills; a context, at whose end its directory is in order.
+    """An experiment fills it; at its end, as a context, the directory of results is in order.
 
     Attributes:
         options: the parsed command line.

@@ -1,7 +1,7 @@
 """A crowd on the flight controller's UDP port: who is served, who keeps his place."""
 
 import pytest
-from test_mavlink_server import KEY, Bench, dialect, heartbeat, signed
+from mavlink_bench import KEY, Bench, dialect, heartbeat, signed
 
 CROWD = [("10.0.0.1", port) for port in range(400)]
 SECOND = 500  # ticks

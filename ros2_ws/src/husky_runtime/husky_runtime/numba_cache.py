@@ -23,7 +23,7 @@ _log = logging.getLogger(__name__)
 def seal_numba_cache() -> None:
     """Make numba, if this process has imported it, write and check seals; call it before compiling.
 
-    What is compiled already is loaded without the compiler's tables. Compiling fills them itself.
+    Functions that are compiled already are loaded without the compiler's tables.
     The seal stands behind what numba's own readers take from a file. Where nothing can be written,
     functions are compiled in each process.
     """

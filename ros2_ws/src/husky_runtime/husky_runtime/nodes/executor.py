@@ -174,7 +174,7 @@ class WaitSetExecutor:
         """Serve the hot message that came first, what is on wires, and the timers that are due.
 
         Returns:
-            Whether there was a message or something on a wire: timers alone make no node busy.
+            True for a message, or bytes on a wire: timers alone make no node busy.
         """
         served = False
         first = self._first()
