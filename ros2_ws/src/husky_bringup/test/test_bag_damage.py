@@ -209,7 +209,7 @@ def test_an_experiment_does_not_judge_by_half_a_recording(
     tmp_path: Path, bag: tuple[bytes, bytes, list[tuple[int, int]]]
 ) -> None:
     run = Run("some", argparse.Namespace(output=tmp_path / "out", set=[]))
-    path = tmp_path / "out" / "bag"
+    path = run.output / "bag"
     path.mkdir()
     (path / "bag.mcap").write_bytes(bag[0][: len(bag[0]) // 2])
     with pytest.raises(SessionError, match=r"recording is not whole.*bag"):
