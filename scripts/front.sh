@@ -4,6 +4,11 @@
 set -euo pipefail
 root="$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd -P)"
 
+if ! readlink -e . > /dev/null; then
+    echo "error: the working directory has been deleted; change to one that exists" >&2
+    exit 1
+fi
+
 _husky_group=""
 
 _husky_end() { # name and number of the signal
@@ -29,14 +34,15 @@ in_turn() {
     return "$code"
 }
 
-# Discovery that was set up for something else ends in silence: nodes that do not find each other. What is started and ended here
-# has a graph of its own; a robot that stays may be meant to be found that way.
+# Discovery or security that was set up for something else ends in silence: nodes that do not find each other. What is started and
+# ended here has a graph of its own; a robot that stays may be meant to be found that way.
 other_discovery() {
     local name
     for name in ROS_DISCOVERY_SERVER ROS_SUPER_CLIENT FASTDDS_BUILTIN_TRANSPORTS FASTDDS_ENVIRONMENT_FILE \
-        FASTDDS_DEFAULT_PROFILES_FILE FASTRTPS_DEFAULT_PROFILES_FILE ROS_AUTOMATIC_DISCOVERY_RANGE; do
+        FASTDDS_DEFAULT_PROFILES_FILE FASTRTPS_DEFAULT_PROFILES_FILE ROS_AUTOMATIC_DISCOVERY_RANGE \
+        ROS_STATIC_PEERS ROS_SECURITY_ENABLE; do
         case "${!name:-}" in
-            "" | "$root"/scripts/* | LOCALHOST | SUBNET | SYSTEM_DEFAULT) continue ;;
+            "" | "$root"/scripts/* | LOCALHOST | SUBNET | SYSTEM_DEFAULT | false) continue ;;
         esac
         case "${0##*/}" in
             bringup.sh | console.sh) echo "note: nodes find each other by $name=${!name}; unset it if they do not" >&2 ;;

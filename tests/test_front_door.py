@@ -305,6 +305,15 @@ def test_other_discovery_is_left_out_or_named(script: str) -> None:
     assert ran.stdout.splitlines()[-1] == found and words in ran.stderr, ran.stderr
 
 
+def test_a_working_directory_that_is_gone_is_named(tmp_path: Path) -> None:
+    script = f"rmdir {tmp_path}; exec {SCRIPTS}/experiment.sh trot"
+    ran = run("bash", "-c", script, cwd=tmp_path)
+    said = [line for line in ran.stderr.splitlines() if "getcwd" not in line]  # bash itself
+    assert ran.returncode == 1 and said == [
+        "error: the working directory has been deleted; change to one that exists"
+    ]
+
+
 def test_a_log_directory_that_is_not_ours_is_replaced(tmp_path: Path) -> None:
     (tmp_path / ".ros").mkdir()
     (tmp_path / ".ros/log").touch()  # no directory to write in, for root too

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 
 from husky_runtime.domain_locks import SHARED, occupied
+from husky_runtime.rcl_error import said_by_rcl
 
 _LISTENING = 1.0
 """Wall time for which nodes elsewhere are listened for [s]: they answer a newcomer's announcements,
@@ -46,15 +47,23 @@ def refuse_neighbours(
 
 @contextmanager
 def discovery(domain: int, namespace: str = "/") -> Iterator[Callable[[], set[str]]]:
-    """Join a domain; give a function that returns the names of the nodes in a namespace."""
+    """Join a domain; give a function that returns the names of the nodes in a namespace.
+
+    Raises:
+        OSError: ROS does not let a node in, e.g. because a peer's address is none; says why.
+    """
     import rclpy
+    from rclpy._rclpy_pybind11 import RCLError
     from rclpy.context import Context
     from rclpy.node import Node
 
     context = Context()
-    rclpy.init(context=context, domain_id=domain)
     try:
-        node = Node(f"newcomer_{os.getpid()}", context=context, start_parameter_services=False)
+        try:
+            rclpy.init(context=context, domain_id=domain)
+            node = Node(f"newcomer_{os.getpid()}", context=context, start_parameter_services=False)
+        except RCLError as error:
+            raise OSError(said_by_rcl(error)) from error
 
         def names() -> set[str]:
             return {
@@ -64,7 +73,7 @@ def discovery(domain: int, namespace: str = "/") -> Iterator[Callable[[], set[st
         yield names
         node.destroy_node()
     finally:
-        rclpy.shutdown(context=context)
+        context.try_shutdown()
 
 
 def _listen(awaited: set[str], domain: int, namespace: str) -> set[str]:

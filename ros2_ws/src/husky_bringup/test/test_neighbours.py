@@ -12,7 +12,7 @@ pytest.importorskip("rclpy")
 import rclpy
 from rclpy.context import Context
 
-from husky_bringup.neighbours import reaches_other_machines, refuse_neighbours
+from husky_bringup.neighbours import discovery, reaches_other_machines, refuse_neighbours
 from husky_runtime import graph
 from husky_runtime.domain_locks import OccupiedError
 
@@ -58,3 +58,11 @@ def test_nobody_listens_where_discovery_is_local(planner) -> None:
 )
 def test_how_far_discovery_reaches(environment: dict[str, str], expected: bool) -> None:
     assert reaches_other_machines(environment) is expected
+
+
+@pytest.mark.filterwarnings("ignore:Failed to fini rosout publisher:RuntimeWarning")  # of rcl
+def test_an_environment_in_which_ros_makes_no_node_is_told_in_one_line(monkeypatch) -> None:
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    monkeypatch.setenv("ROS_STATIC_PEERS", "no such peer")
+    with pytest.raises(OSError, match=r"^[^\n]*no such peer[^\n]*$"), discovery(DOMAIN):
+        pass

@@ -6,7 +6,6 @@ import contextlib
 import faulthandler
 import gc
 import os
-import re
 import signal
 import sys
 import threading
@@ -16,7 +15,7 @@ from typing import Protocol
 
 import rclpy
 import rclpy.utilities
-from rclpy._rclpy_pybind11 import UnknownROSArgsError
+from rclpy._rclpy_pybind11 import RCLError, UnknownROSArgsError
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.executors import ExternalShutdownException
 from rclpy.impl.logging_severity import LoggingSeverity
@@ -30,6 +29,7 @@ from husky_runtime.nodes.executor import WaitSetExecutor
 from husky_runtime.nodes.presence import hold_name
 from husky_runtime.nodes.unknown_parameters import refuse_unknown
 from husky_runtime.numba_cache import seal_numba_cache
+from husky_runtime.rcl_error import said_by_rcl
 
 _OWN_CLOCK = ("--ros-args", "-r", "/clock:=clock")
 """A robot in a namespace has its own time: rclpy's time source listens to the name of the root."""
@@ -86,11 +86,10 @@ def run(make_node: Callable[[], HotNode], args: Sequence[str] | None = None) -> 
 
 
 def _in_one_line(error: RuntimeError) -> str:
-    """Return what rclpy says of a command line, without the places in the source of rcl."""
+    """Return what rclpy says of a command line or an environment."""
     if isinstance(error, UnknownROSArgsError):
         return f"unknown behind --ros-args: {error}"
-    said = re.sub(r",? at /\S+:[0-9]+", "", str(error).removeprefix("failed to initialize rcl: "))
-    return " ".join(said.removesuffix(" Error: error not set").split())
+    return said_by_rcl(error)
 
 
 def _spin(make_node: Callable[[], HotNode], args: Sequence[str]) -> int:
@@ -118,6 +117,9 @@ def _spin(make_node: Callable[[], HotNode], args: Sequence[str]) -> int:
         OSError,
     ) as error:
         print(f"error: {error}", file=sys.stderr)
+        return 1
+    except RCLError as error:
+        print(f"error: {said_by_rcl(error)}", file=sys.stderr)
         return 1
     timers = list(getattr(node, "hot_timers", ()))
     executor = WaitSetExecutor(node, list(node.hot), node.quiet, timers, stop)
