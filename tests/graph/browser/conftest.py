@@ -50,10 +50,14 @@ def page(browser: Any, console: ServedBench) -> Iterator[BrowserPage]:
 
 
 @pytest.fixture
-def shown() -> Callable[..., None]:
-    """Lets a robot's world go on until a condition holds."""
+def shown(page: BrowserPage) -> Callable[..., None]:
+    """Lets a robot's world go on until a condition holds, never faster than the page keeps up."""
 
     def shown(robot: Any, condition: Callable[[], Any], what: str) -> None:
-        robot.until(condition, what, _LONG, step=0.2)
+        def holds() -> Any:
+            page.keep_up()
+            return condition()
+
+        robot.until(holds, what, _LONG, step=0.2)
 
     return shown
