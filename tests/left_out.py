@@ -36,7 +36,7 @@ class LeftOut:
         starved = sum("not judged" in str(report.longrepr) for report in skipped)
         if starved:
             terminalreporter.line(f"not judged, since this machine is too busy: {starved} tests")
-        if self._count:
+        if self._count and self._config.option.markexpr:
             names = f"{', '.join(MARKERS[:-1])} or {MARKERS[-1]}"
             terminalreporter.line(
                 f"left out: {self._count} tests marked {names}; scripts/test.sh --all runs them"
