@@ -6,6 +6,7 @@ from climbing_robot import ClimbingRobot
 from stops import STOPS, WALKS, come_down, in_a_copy, standing_robot, walk_and_stop
 
 from husky_description.gravity import GRAVITY
+from husky_description.kinematics import Kinematics, inverse_kinematics
 from husky_description.robot import load_robot
 from husky_description.settling import Settling
 from husky_runtime import graph
@@ -141,6 +142,22 @@ def test_a_robot_that_sits_has_nothing_to_do():
     robot = load_robot()
     motion = Settling(robot)
     motion.begin(np.array(robot.sit_joint_position) * 1.001, np.zeros(3))
+    assert motion.done
+
+
+@pytest.mark.parametrize("left", [1e-12, 1e-9, 1e-5, 1e-3])
+@pytest.mark.parametrize("climb", [-1.0, 0.0, 1.0])
+def test_the_last_bit_of_the_way_down_takes_no_longer_than_the_whole(left, climb):
+    """As after `sit`, which ends on the perch but for a rounding."""
+    robot = load_robot()
+    kinematics, motion = Kinematics(robot), Settling(robot)
+    feet = kinematics.foot_positions(np.array(robot.stand_joint_position))
+    feet[:, 2] = -robot.sit_height - left
+    joints = np.empty(12)
+    inverse_kinematics(kinematics.geometry, feet, joints)
+    motion.begin(joints, np.array([0.0, 0.0, climb]))
+    for _ in range(round(OFF / graph.TICK_PERIOD)):
+        motion.advance(graph.TICK_PERIOD)
     assert motion.done
 
 
