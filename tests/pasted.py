@@ -19,6 +19,14 @@ ros2 service call /plant/reset husky_msgs/srv/ResetWorld "{seed: -1}"
 ros2 service call /drives/reset_faults std_srvs/srv/Trigger
 ros2 topic echo --once --field mode --filter "m == 'passive'" /controller/state
 """.lstrip()
+STAND_AGAIN = """
+ros2 topic echo --once --field mode --filter "m == 'damping'" /controller/state
+ros2 service call /controller/set_mode husky_msgs/srv/SetMode "{mode: passive}"
+ros2 service call /drives/enable std_srvs/srv/Trigger
+ros2 service call /controller/set_mode husky_msgs/srv/SetMode "{mode: stand_up}"
+ros2 topic echo --once --field mode --filter "m == 'stand'" /controller/state
+""".lstrip()
+"""After the drives have been disabled."""
 PATIENCE = {"lockstep": 120.0, "realtime": 40.0}
 """Wall time for a command, on any machine, and on one that keeps real time [s]."""
 
@@ -169,6 +177,7 @@ def operator(paste):
     _, *walking = blocks("The first five minutes", OPERATOR)
     for block in walking:
         paste_block(paste, block)
+    paste_block(paste, STAND_AGAIN)
     for heading in ("After a stop", "After a fall"):
         for block in blocks(heading, OPERATOR):
             paste_block(paste, block)

@@ -261,6 +261,7 @@ def test_emergency_stop_holds_until_it_is_reset(enabled):
     assert enabled.trigger(graph.DRIVES_EMERGENCY_STOP)
     enabled.wait(lambda: enabled.status.emergency_stop, "the emergency stop")
     enabled.wait(lambda: not enabled.motors.records["torque_on"].any(), "torque off")
+    assert "servos have stopped: emergency stop" in enabled.said()
     assert "emergency stop" in enabled.trigger(graph.DRIVES_ENABLE)
     enabled.wait(lambda: enabled.trigger(graph.DRIVES_RESET_FAULTS) == "", "a reset")
     enabled.enable()

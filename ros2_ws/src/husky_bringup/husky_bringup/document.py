@@ -21,6 +21,7 @@ from husky_bringup.node_parameter import NodeParameter, meaning, unit
 from husky_control.modes.behaviour import Event
 from husky_control.modes.table import CONDITIONS, TRANSITIONS, Mode, Transition
 from husky_runtime import graph
+from husky_runtime.domain_locks import OccupiedError
 
 Graph = Mapping[str, Interface]
 Table = list[tuple[str, ...]]
@@ -314,8 +315,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--root", type=Path, default=Path(os.environ.get("HUSKY_ROOT", ".")))
     options = parser.parse_args(arguments)
     specs = all_nodes()
-    with running(specs) as reader:
-        nodes = reader.read(specs)
+    try:
+        with running(specs) as reader:
+            nodes = reader.read(specs)
+    except OccupiedError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
     changed = changes(options.root, nodes)
     for path, (before, after) in changed.items():
         print(difference(before, after, path.relative_to(options.root)))

@@ -110,7 +110,7 @@ class RobotState:
 def judge(known: Known) -> RobotState:
     """Return the robot's state; the more urgent of several counts."""
     if known.state is None and known.silence <= SILENT:
-        step = "wait for the first word of the controller"
+        step = "wait for the controller"
         return RobotState(Kind.OTHER, "no word yet", step, None, step)
     if known.state is None or known.is_silent:
         silence = f"no word from the controller for {known.silence:.0f} s"
@@ -128,9 +128,9 @@ def judge(known: Known) -> RobotState:
         step = "press Stand up"
         return RobotState(Kind.LYING, "lying", step, Action.STAND_UP, f"it lies: {step}")
     if mode == "stand":
-        return RobotState(Kind.STANDING, "standing", "push a stick to walk", None, "")
+        return RobotState(Kind.STANDING, "standing", "hold a stick or a key to walk", None, "")
     if mode in STEPPING:
-        step = "let the stick go to stop"
+        step = "let go to stop"
         return RobotState(Kind.WALKING, "walking", step, Action.STOP, "")
     name = mode.replace("_", " ")
     title, step = _WAITING.get(mode, (name, _choice(known.requests) or "wait"))

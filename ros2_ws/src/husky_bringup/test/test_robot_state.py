@@ -58,8 +58,8 @@ def known(
     [
         ({"mode": "passive"}, Kind.LYING, "press Stand up", Action.STAND_UP, "it lies"),
         ({"mode": "sit"}, Kind.LYING, "press Stand up", Action.STAND_UP, "it lies"),
-        ({"mode": "stand"}, Kind.STANDING, "push a stick", None, ""),
-        ({"mode": "walk"}, Kind.WALKING, "let the stick go", Action.STOP, ""),
+        ({"mode": "stand"}, Kind.STANDING, "hold a stick", None, ""),
+        ({"mode": "walk"}, Kind.WALKING, "let go", Action.STOP, ""),
         ({"mode": "damping"}, Kind.STOPPED, "press Recover", Action.RECOVER, "it is stopped"),
         ({"mode": "emergency_stop"}, Kind.STOPPED, "press Recover", Action.RECOVER, "stopped"),
         ({"mode": "settle"}, Kind.STOPPED, "wait until its body is down", None, "settle"),

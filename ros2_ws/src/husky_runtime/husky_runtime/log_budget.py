@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-LINES, PERIOD = 10, 60.0
-"""So many lines, and another set of them after so long [s]."""
+LINES, PERIOD = 20, 60.0
+"""So many lines, twice what a start takes, and another set of them after so long [s]."""
 
 
 class LogBudget:
@@ -29,4 +29,4 @@ class LogBudget:
             return None
         self._said += 1
         held, self._held = self._held, 0
-        return f"{text} ({held} changes before it were not said)" if held else text
+        return f"{text} (changes before it that are not logged: {held})" if held else text

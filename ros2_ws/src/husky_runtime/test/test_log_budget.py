@@ -14,10 +14,10 @@ def test_what_changes_seldom_is_said_at_once():
 
 def test_what_was_held_back_is_counted():
     budget = LogBudget()
-    said = [budget.line(str(i), 10.0 + 0.1 * i) for i in range(20)]
-    assert said == [str(i) for i in range(LINES)] + [None] * (20 - LINES)
+    said = [budget.line(str(i), 10.0 + 0.1 * i) for i in range(40)]
+    assert said == [str(i) for i in range(LINES)] + [None] * (40 - LINES)
     last = budget.line("stale", 10.0 + PERIOD)
-    assert last == f"stale ({20 - LINES} changes before it were not said)"
+    assert last == f"stale (changes before it that are not logged: {40 - LINES})"
     assert budget.line("streaming", 11.0 + PERIOD) == "streaming"
 
 
@@ -32,7 +32,7 @@ def test_never_more_than_two_sets_in_a_minute(waits):
             held += 1
             continue
         said.append(now)
-        assert line == ("x" if not held else f"x ({held} changes before it were not said)")
+        assert line == ("x" if not held else f"x (changes before it that are not logged: {held})")
         held = 0
     for first in said:
         assert sum(first <= time < first + PERIOD for time in said) <= 2 * LINES
