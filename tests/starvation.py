@@ -74,7 +74,7 @@ def while_the_machine_keeps_up(attempt: Callable[[], None]) -> None:
         if share < CROWDED and not late:
             raise
         told = f"something waited {100 * share:.0f} % of the time for a processor, {late}"
-        print(failure)  # a log of a minute: -rP or --junitxml shows it
+        print(failure)  # with the log of a minute: `pytest -s` shows it
         pytest.skip(f"not judged: this machine is too busy for real time: {told}")
 
 

@@ -23,7 +23,6 @@ from husky_bringup.node_parameter import NodeParameter, is_of_every_node, make_n
 from husky_bringup.processes import Processes
 from husky_bringup.system import NodeSpec, ParameterValue, simulated_robot
 from husky_runtime import graph
-from husky_runtime.domain_locks import OccupiedError
 
 _EVERY_NODE = ("rcl_interfaces", "type_description_interfaces")
 """Packages of the topics and services that every node of rclpy has."""
@@ -96,17 +95,14 @@ def running(specs: Sequence[NodeSpec], logs: Path | None = None) -> Iterator[Rea
     Raises:
         OccupiedError: nodes of these names run already in this ROS domain.
     """
-    with Reader() as reader, tempfile.TemporaryDirectory() as directory:
-        found = sorted(set(reader.node_names()) & {spec.name for spec in specs})
-        if found:
-            raise OccupiedError(
-                f"{', '.join(found)} run already in this ROS domain: end them, or choose another "
-                "domain with ROS_DOMAIN_ID"
-            )
-        with Processes(logs=logs or Path(directory) / "logs") as processes:
-            with contextlib.chdir(directory):
-                processes.start_all(specs)
-            yield reader
+    with (
+        Reader() as reader,
+        tempfile.TemporaryDirectory() as directory,
+        Processes(logs=logs or Path(directory) / "logs") as processes,
+    ):
+        with contextlib.chdir(directory):
+            processes.start_all(specs)
+        yield reader
 
 
 class Reader:

@@ -170,7 +170,7 @@ class Settling:
         self._height, self._climb, self._fall, self._fastest = height, climb, fall, fastest
         self._fall_time = max(0.0, (fastest + climb) / fall)
         self._fallen = (fastest * fastest - climb * climb) / (2.0 * fall)
-        slowing_time = max(1e-9, 2.0 * (drop - self._fallen) / (fastest + landing))
+        slowing_time = max(1e-9, 2.0 * (drop - self._fallen) / (fastest + landing))  # s
         self._slowing = (fastest - landing) / slowing_time
         self._down_at = self._fall_time + slowing_time
 

@@ -45,7 +45,7 @@ def state_of(path):
 
 
 def kill(directory):
-    """What the kernel does for a process that is killed."""
+    """Do what the kernel does for a process that is killed."""
     os.close(directory._lock)
 
 

@@ -1,4 +1,4 @@
-"""What rcl says of a command line or an environment in which it makes no node."""
+"""Errors of rcl in one line: of a command line or an environment in which it makes no node."""
 
 from __future__ import annotations
 

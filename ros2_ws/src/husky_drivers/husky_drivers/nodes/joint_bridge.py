@@ -188,10 +188,9 @@ class JointBridge(OneClock, LifecycleNode, ABC, Generic[MasterT]):
         """Tell joints, if they are known, and status, if it is time to or something has changed."""
         told = (self._master.phase, self._master.reason)
         if told != self._told or self._ticks % _STATUS_EVERY == 0:
-            if self._told is not None and self._told[0] is Phase.ENABLED is not told[0]:
-                words = f"{self._master.devices} have stopped: {self._master.reason}"
-                self.get_logger().warning(words)
-            self._told = told
+            before, self._told = self._told, told
+            if before is not None and before[0] is Phase.ENABLED and told[0] is not Phase.ENABLED:
+                self.get_logger().warning(f"{self._master.devices} have stopped: {told[1]}")
             self._publish_status()
         if known:
             self._publish_joints()
