@@ -103,7 +103,7 @@ class Walking:
             foot_in_base: (4, 3) m.
             gait: the gait to walk in when stepping begins.
         """
-        self.stepping = False
+        self.stepping = self._lifting = False
         self.clock.start(gait)
         yaw = yaw_of(rotation)
         self.reference.reset(position, yaw)
@@ -146,10 +146,14 @@ class Walking:
         return not self.stepping and not self._moving() and not self._lifting
 
     def _moving(self) -> bool:
-        """Whether feet step, or the body still comes to rest from a hop."""
+        """Whether feet step, or the body still comes to rest from a hop.
+
+        A static gait that slows down sways for its last steps too, with all feet on the ground.
+        """
         clock = self.clock
         landing = clock.gait.hop_speed > 0.0 and abs(self._hop.height) > 1e-3
-        return self.stepping or landing or bool(clock.swinging.any())
+        slowing = clock.gait.static_margin > 0.0 and self._lifting
+        return self.stepping or landing or slowing or bool(clock.swinging.any())
 
     def stand_on(self, ground: Ground) -> None:
         """Walk on a ground from now on; what is remembered turns with its frame."""
