@@ -25,7 +25,7 @@ LONGER = float(os.environ.get("HUSKY_SWEEP", "1"))
 SPEED = {"crawl": 0.05, "trot": 0.3, "climb": 0.25, "bound": 0.2, "pronk": 0.1}
 """Commanded in each gait, as far as its `max_speed` allows [m/s]."""
 SIDEWAYS = {"crawl": 0.0, "trot": 0.1, "bound": 0.0, "pronk": 0.0}
-TURN = {"crawl": 0.05, "trot": 0.4, "bound": 0.1, "pronk": 0.1}
+TURN = {"crawl": 0.1, "trot": 0.4, "bound": 0.1, "pronk": 0.1}
 """Besides, where they allow for it [m/s], [rad/s]."""
 LEAST = {"crawl": 0.5, "trot": 0.3, "bound": 0.2, "pronk": 0.4, "climb": 0.35}
 """Share of the way ahead that they make at least, in a cycle or some [-]."""
@@ -201,9 +201,10 @@ class SweptRobot:
         done = self.go(0.5 * duration, ahead, "walk")
         if gait == "trot" or 0.5 * duration > 4.0 * self.cycle(gait):
             assert done > LEAST[gait], f"{done:.2f} of the way that was asked for"
-        most = min(p["command.max_lateral_speed"], p[f"gait.{gait}.max_speed"])
+        columns = (f"gait.{gait}.max_speed", f"gait.{gait}.max_lateral_speed")
+        most = min(p[name] for name in ("command.max_lateral_speed", *columns))
         sideways = min(SIDEWAYS[gait], most)
-        turn = min(TURN[gait], p["command.max_yaw_rate"])
+        turn = min(TURN[gait], p["command.max_yaw_rate"], p[f"gait.{gait}.max_yaw_rate"])
         self.go(0.3 * duration, (0.5 * ahead[0], sideways, turn), "walk")
 
     # On a slope -------------------------------------------------------------------------------

@@ -128,6 +128,29 @@ def test_a_command_wakes_nobody_who_may_not_walk(standing):
     assert robot.controller.mode.value == "stand"
 
 
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_the_crawl_turns_and_stops_at_its_limit_and_is_asked_for_no_more(standing, side):
+    robot, controller = standing, standing.controller
+    limit = controller.parameters["gait.crawl.max_yaw_rate"]
+    speed = controller.parameters["gait.crawl.max_speed"]
+    controller.request_gait("crawl")
+    assert controller.request_mode("walk")[0]
+    accepted, message = controller.set_velocity_command(0.0, 0.0, side * 1.1 * limit)
+    assert not accepted
+    assert message.startswith(f"yaw_rate must be within +-{limit:g} rad/s (gait.crawl.max_yaw_rate")
+    robot.run(8.0, (0.0, 0.0, side * limit))  # two cycles, the first of them up to speed
+    before = math.atan2(*heading(robot)[::-1])
+    robot.run(4.0, (0.0, 0.0, side * limit))
+    turned = math.remainder(math.atan2(*heading(robot)[::-1]) - before, 2.0 * math.pi)
+    assert turned == pytest.approx(side * 4.0 * limit, rel=0.15)  # the clock waits for the sway
+    robot.run(5.0, (speed, 0.0, side * limit))
+    assert_walks(robot)
+    assert controller.request_mode("stand")[0]
+    robot.run(5.0)
+    assert controller.mode.value == "stand", controller.reason
+    assert controller.counters.faults == 0 and robot.tilt < 1.0
+
+
 @pytest.mark.parametrize(
     "field", ["joint_position", "joint_torque", "angular_velocity_base_in_base"]
 )

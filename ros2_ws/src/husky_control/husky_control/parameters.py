@@ -36,8 +36,8 @@ _P = Parameter
 _GAINS: dict[str, Parameter] = {
     "command.acceleration": _P(1.5, 0.1, 5.0, "m/s^2", "Ramp of the velocity command"),
     "command.yaw_acceleration": _P(3.0, 0.1, 10.0, "rad/s^2", "Ramp of the yaw rate command"),
-    "command.max_yaw_rate": _P(0.8, 0.0, 2.0, "rad/s", "Largest yaw rate command accepted"),
-    "command.max_lateral_speed": _P(0.3, 0.0, 1.0, "m/s", "Largest sideways speed accepted"),
+    "command.max_yaw_rate": _P(0.8, 0.0, 2.0, "rad/s", "Largest yaw rate command accepted, where the gait allows it"),
+    "command.max_lateral_speed": _P(0.3, 0.0, 1.0, "m/s", "Largest sideways speed accepted, where the gait allows it"),
     "command.zero_speed": _P(0.01, 0.0, 0.1, "m/s", "A velocity command slower than this, over ground, and than command.zero_yaw_rate counts as zero"),
     "command.zero_yaw_rate": _P(0.01, 0.0, 0.1, "rad/s", "A velocity command that turns slower than this, and is below command.zero_speed, counts as zero"),
     "command.timeout": _P(0.5, 0.1, 5.0, "s", "A velocity command older than this stops walking"),
@@ -140,6 +140,8 @@ _GAIT_COLUMNS: dict[str, str] = {
     "static_margin": "Margin kept inside of the support polygon before a leg lifts",
     "hop_speed": "Upward speed of the body at liftoff",
     "max_speed": "Largest forward speed accepted",
+    "max_lateral_speed": "Largest sideways speed accepted",
+    "max_yaw_rate": "Largest yaw rate accepted",
 }
 
 

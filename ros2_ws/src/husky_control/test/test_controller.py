@@ -287,9 +287,15 @@ def test_a_velocity_command_out_of_range_is_refused_whole_and_the_last_one_stays
     controller = standing.ask("walk").controller
     assert controller.set_velocity_command(0.2, 0.0, 0.1) == (True, "")
     for command, words in (
-        ((9.0, 0.0, 0.0), "vx must be within +-1.6 m/s, not 9.0"),
-        ((0.0, math.nan, 0.0), "vy must be within +-0.3 m/s, not nan"),
-        ((0.0, 0.0, -1.0), "yaw_rate must be within +-0.8 rad/s, not -1.0"),
+        ((9.0, 0.0, 0.0), "vx must be within +-1.6 m/s (gait.trot.max_speed), not 9.0"),
+        (
+            (0.0, math.nan, 0.0),
+            "vy must be within +-0.3 m/s (gait.trot.max_lateral_speed), not nan",
+        ),
+        (
+            (0.0, 0.0, -1.0),
+            "yaw_rate must be within +-0.8 rad/s (gait.trot.max_yaw_rate), not -1.0",
+        ),
     ):
         assert controller.set_velocity_command(*command) == (False, words)
     assert controller.counters.refused_velocity_commands == 3

@@ -30,17 +30,19 @@ class Gait(NamedTuple):
     static_margin: float  # m, kept inside of the support polygon; 0 for dynamic gaits
     hop_speed: float  # m/s, upward speed of the body at liftoff
     max_speed: float  # m/s
+    max_lateral_speed: float  # m/s
+    max_yaw_rate: float  # rad/s
 
 
-#                touchdown phase        period duty  swing stance forward lateral follow margin hop  max
-#                fl   fr   hl   hr      s      -     m     m      m       m       -      m      m/s  m/s
+#                touchdown phase        period duty  swing stance forward lateral follow margin hop  max   max  max
+#                fl   fr   hl   hr      s      -     m     m      m       m       -      m      m/s  m/s   m/s  rad/s
 # fmt: off
 GAITS: dict[str, Gait] = {gait.name: gait for gait in (
-    Gait("crawl", (.40, .90, .20, .70), 4.00, .88,  .06,  .53,   .00,    .05,    0.0,   .050,  0.0, 0.05),
-    Gait("trot",  (.00, .50, .50, .00), 0.34, .50,  .08,  .54,   .00,    .04,    0.4,   .000,  0.0, 1.60),
-    Gait("climb", (.00, .50, .50, .00), 0.34, .50,  .08,  .50,   .00,    .04,    0.4,   .000,  0.0, 0.60),
-    Gait("bound", (.00, .00, .50, .50), 0.30, .60,  .06,  .54,  -.10,    .04,    0.8,   .000,  0.0, 0.50),
-    Gait("pronk", (.00, .00, .00, .00), 0.40, .70,  .04,  .52,   .00,    .04,    0.8,   .000,  0.6, 0.40),
+    Gait("crawl", (.40, .90, .20, .70), 4.00, .88,  .06,  .53,   .00,    .05,    0.0,   .050,  0.0, 0.05, .02, 0.10),
+    Gait("trot",  (.00, .50, .50, .00), 0.34, .50,  .08,  .54,   .00,    .04,    0.4,   .000,  0.0, 1.60, .30, 0.80),
+    Gait("climb", (.00, .50, .50, .00), 0.34, .50,  .08,  .50,   .00,    .04,    0.4,   .000,  0.0, 0.60, .30, 0.80),
+    Gait("bound", (.00, .00, .50, .50), 0.30, .60,  .06,  .54,  -.10,    .04,    0.8,   .000,  0.0, 0.50, .30, 0.80),
+    Gait("pronk", (.00, .00, .00, .00), 0.40, .70,  .04,  .52,   .00,    .04,    0.8,   .000,  0.6, 0.40, .30, 0.80),
 )}
 # fmt: on
 
@@ -55,22 +57,24 @@ COLUMN_UNITS = {
     "static_margin": "m",
     "hop_speed": "m/s",
     "max_speed": "m/s",
+    "max_lateral_speed": "m/s",
+    "max_yaw_rate": "rad/s",
 }
 
 # Smallest and greatest value of each column. Measured with the others at their defaults and all
 # sensor noise on: start, walk ahead, turn and stop at the speeds of the experiment `gaits`, `climb`
 # up and down 25 deg; the ends lie inside of what was walked. (0, 0): the gait has no such thing.
 # tests/closed_loop/test_parameter_sweep.py walks at every end.
-#            period       duty        swing       stance      forward       lateral     follow      margin       hop         max
-#            s            -           m           m           m             m           -           m            m/s         m/s
+#            period       duty        swing       stance      forward       lateral     follow      margin       hop         max         max         max
+#            s            -           m           m           m             m           -           m            m/s         m/s         m/s         rad/s
 # fmt: off
 GAIT_RANGES: dict[str, dict[str, tuple[float, float]]] = {
     name: dict(zip(COLUMN_UNITS, row, strict=True)) for name, row in {
-    "crawl": ((3.0, 5.0), (.85, .91), (.03, .10), (.50, .55), (-.05, .04), (.03, .08), (0.0, 0.5), (.04, .06), (0.0, 0.0), (0.0, .06)),
-    "trot":  ((.24, .42), (.40, .65), (.02, .16), (.38, .58), (-.03, .15), (-.04, .15), (0.0, 0.8), (0.0, 0.0), (0.0, 0.0), (0.0, 1.8)),
-    "climb": ((.25, .42), (.45, .62), (.03, .15), (.42, .55), (-.08, .08), (.00, .12), (0.0, 0.8), (0.0, 0.0), (0.0, 0.0), (0.0, .60)),
-    "bound": ((.26, .32), (.55, .65), (.02, .08), (.46, .57), (-.14, -.08), (.00, .10), (0.5, 0.9), (0.0, 0.0), (0.0, 0.0), (0.0, .60)),
-    "pronk": ((.36, .45), (.66, .75), (.02, .06), (.45, .56), (-.06, .06), (.00, .10), (0.4, .85), (0.0, 0.0), (0.5, 0.7), (0.0, .50)),
+    "crawl": ((3.0, 5.0), (.85, .91), (.03, .10), (.50, .55), (-.05, .04), (.03, .08), (0.0, 0.5), (.04, .06), (0.0, 0.0), (0.0, .06), (0.0, .02), (0.0, .12)),
+    "trot":  ((.24, .42), (.40, .65), (.02, .16), (.38, .58), (-.03, .15), (-.04, .15), (0.0, 0.8), (0.0, 0.0), (0.0, 0.0), (0.0, 1.8), (0.0, 1.0), (0.0, 2.0)),
+    "climb": ((.25, .42), (.45, .62), (.03, .15), (.42, .55), (-.08, .08), (.00, .12), (0.0, 0.8), (0.0, 0.0), (0.0, 0.0), (0.0, .60), (0.0, .30), (0.0, 2.0)),
+    "bound": ((.26, .32), (.55, .65), (.02, .08), (.46, .57), (-.14, -.08), (.00, .10), (0.5, 0.9), (0.0, 0.0), (0.0, 0.0), (0.0, .60), (0.0, .50), (0.0, 2.0)),
+    "pronk": ((.36, .45), (.66, .75), (.02, .06), (.45, .56), (-.06, .06), (.00, .10), (0.4, .85), (0.0, 0.0), (0.5, 0.7), (0.0, .50), (0.0, .40), (0.0, 2.0)),
 }.items()}
 # fmt: on
 SWING_TIMES: dict[str, tuple[float, float]] = {

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -12,6 +12,14 @@ from husky_description.arrays import Array
 
 if TYPE_CHECKING:
     from husky_control.parameters import Parameters
+
+
+class Pace(NamedTuple):
+    """Limits of a gait to how fast the reference changes; the operator's limits hold besides."""
+
+    catch_up: float = math.inf  # m/s, that the position error adds along each axis
+    acceleration: float = math.inf  # m/s^2, of the ramp along each axis
+    yaw_acceleration: float = math.inf  # rad/s^2
 
 
 class VelocityReference:
@@ -54,8 +62,8 @@ class VelocityReference:
         yaw: float,
         position_x: float,
         position_y: float,
-        most: float,
-        acceleration: float,
+        pace: Pace,
+        waits: bool,
         dt: float,
     ) -> None:
         """Advance by dt s.
@@ -64,13 +72,14 @@ class VelocityReference:
             yaw: rad, measured heading.
             position_x: m, estimated position along the world's x, without sway.
             position_y: m, along y.
-            most: m/s, of the velocity that the position error adds along each axis.
-            acceleration: m/s^2, of the ramp along each axis; the operator's limit holds besides.
+            pace: of the gait.
+            waits: the clock of the gait stands still, and with it the heading.
             dt: s.
         """
-        p, ramped = self.parameters, self.ramped
-        along = min(acceleration, p["command.acceleration"])
-        for i, most_change in enumerate((along, along, p["command.yaw_acceleration"])):
+        p, ramped, most = self.parameters, self.ramped, pace.catch_up
+        along = min(pace.acceleration, p["command.acceleration"])
+        about = min(pace.yaw_acceleration, p["command.yaw_acceleration"])
+        for i, most_change in enumerate((along, along, about)):
             limit = most_change * dt
             ramped[i] += min(limit, max(-limit, self.command[i] - ramped[i]))
         vx, vy, yaw_rate = float(ramped[0]), float(ramped[1]), float(ramped[2])
@@ -83,5 +92,6 @@ class VelocityReference:
             self.position[i] = place + error
             self.velocity[i] = speed + min(most, max(-most, gain * error))
         leash = p["walk.yaw_leash"]
-        error = wrap_angle(self.yaw + yaw_rate * dt - yaw)
+        turn = 0.0 if waits else yaw_rate * dt
+        error = wrap_angle(self.yaw + turn - yaw)
         self.yaw = wrap_angle(yaw + min(leash, max(-leash, error)))

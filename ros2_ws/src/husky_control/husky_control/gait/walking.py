@@ -27,7 +27,7 @@ from husky_control.gait.stance import (
 from husky_control.gait.state import BodyInGround, FeetState
 from husky_control.gait.steps import Steps
 from husky_control.gait.table import Gait, GaitClock
-from husky_control.gait.velocity_reference import VelocityReference
+from husky_control.gait.velocity_reference import Pace, VelocityReference
 from husky_control.rotation import matrix_from_roll_pitch_yaw, yaw_of
 from husky_description.arrays import Array
 from husky_description.compiled import Compiled
@@ -85,6 +85,7 @@ class Walking:
         )
         self._foot_targets = Compiled(foot_targets)
         self._lifting = False
+        self._hold = False  # the clock waits for the sway
         self._velocity_at_event = np.zeros(2)
         self._sway, self._sway_leg = Sway(), -1
         self._hop = Hop()
@@ -103,7 +104,7 @@ class Walking:
             foot_in_base: (4, 3) m.
             gait: the gait to walk in when stepping begins.
         """
-        self.stepping = self._lifting = False
+        self.stepping = self._lifting = self._hold = False
         self.clock.start(gait)
         yaw = yaw_of(rotation)
         self.reference.reset(position, yaw)
@@ -123,7 +124,7 @@ class Walking:
     def start_stepping(self, gait: Gait, position: Array) -> None:
         """Let the feet lift off, in a gait."""
         self.clock.start(gait)
-        self.stepping = True
+        self.stepping, self._hold = True, False
         self.reference.reset(position, self.reference.yaw)
         self._sway.reset()
         self._sway_leg = -1
@@ -173,7 +174,8 @@ class Walking:
         p, clock = self.parameters, self.clock
         yaw, static = yaw_of(body.rotation), clock.gait.static_margin > 0.0
         self._follow_command(yaw, body.position, dt)
-        hold = static and self._moving() and self._sway_body(body.position, feet.in_ground, dt)
+        sways = static and self._moving()
+        hold = self._hold = sways and self._sway_body(body.position, feet.in_ground, dt)
         # A hop once begun is finished: what counts is what was decided at its touchdown.
         hops = clock.gait.hop_speed > 0.0
         self._lifting = self._hop.end_speed > 0.0 if hops else self._again(body.velocity)
@@ -194,7 +196,7 @@ class Walking:
                 self.body_rotation,
                 self.body_position,
                 self.body_velocity,
-                float(self.reference.ramped[2]),
+                0.0 if hold else float(self.reference.ramped[2]),
             ),
             self._legs.joints,
             Rolling(self._foot_radius, decay, dt),
@@ -208,14 +210,14 @@ class Walking:
 
     def _follow_command(self, yaw: float, position: Array, dt: float) -> None:
         """Advance the desired velocity."""
-        gait, sway = self.clock.gait, self._sway.offset
-        most = acceleration = math.inf
+        gait, sway, pace = self.clock.gait, self._sway.offset, Pace()
         if gait.static_margin > 0.0:
-            most = CATCH_UP_SHARE * gait.max_speed
             # Up to speed in one cycle: the body must not run ahead of feet that wait their turn.
             acceleration = gait.max_speed / gait.period
+            yaw_acceleration = gait.max_yaw_rate / gait.period
+            pace = Pace(CATCH_UP_SHARE * gait.max_speed, acceleration, yaw_acceleration)
         x, y = float(position[0]) - sway[0], float(position[1]) - sway[1]
-        self.reference.tick(yaw, x, y, most, acceleration, dt)
+        self.reference.tick(yaw, x, y, pace, self._hold, dt)
 
     def _again(self, velocity: Array) -> bool:
         """Whether feet shall lift again: until the body is as slow as it is asked to be."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from enum import Enum
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,17 +42,12 @@ Happening = tuple[Event, str]
 """An event that a mode raises, and the reason in words."""
 
 
-def out_of_range(velocity: Velocity, limits: tuple[tuple[str, float, str], ...]) -> str:
-    """Return which part of a velocity command is out of its range, "" if none is.
+class VelocityLimits(NamedTuple):
+    """Names of the parameters that limit the parts of a velocity command; the least one counts."""
 
-    Args:
-        velocity: the command.
-        limits: name, greatest size and unit of each part.
-    """
-    for value, (name, limit, unit) in zip(velocity, limits, strict=True):
-        if not math.isfinite(value) or abs(value) > limit:
-            return f"{name} must be within +-{limit:g} {unit}, not {value}"
-    return ""
+    vx: tuple[str, ...]
+    vy: tuple[str, ...]
+    yaw_rate: tuple[str, ...]
 
 
 class Behaviour:
@@ -120,15 +115,14 @@ class Behaviour:
         return (0.0, 0.0, 0.0) if slow and abs(yaw_rate) < p["command.zero_yaw_rate"] else velocity
 
     def refuse_velocity(self, velocity: Velocity) -> str:
-        """Return why a velocity command is out of range, "" if it is not."""
-        p = self.context.parameters
-        forward = p[f"gait.{self.gait}.max_speed"]
-        limits = (
-            ("vx", forward, "m/s"),
-            ("vy", min(forward, p["command.max_lateral_speed"]), "m/s"),
-            ("yaw_rate", p["command.max_yaw_rate"], "rad/s"),
-        )
-        return out_of_range(velocity, limits)
+        """Return which part of a velocity command is out of its range, "" if none is."""
+        p, limits = self.context.parameters, self.velocity_limits
+        for part, value, names in zip(limits._fields, velocity, limits, strict=True):
+            name = min(names, key=p.__getitem__)
+            if not math.isfinite(value) or abs(value) > p[name]:
+                unit = "rad/s" if part == "yaw_rate" else "m/s"
+                return f"{part} must be within +-{p[name]:g} {unit} ({name}), not {value}"
+        return ""
 
     def drive(self, velocity: Velocity, *, wakes: bool) -> str:
         """Follow a velocity command; return why not, "" if it does.
@@ -202,6 +196,16 @@ class Behaviour:
     def gait(self) -> str:
         """Name of the gait whose speeds count."""
         return self.context.gait
+
+    @property
+    def velocity_limits(self) -> VelocityLimits:
+        """Parameters that limit the velocity command in this mode."""
+        gait, forward = f"gait.{self.gait}", f"gait.{self.gait}.max_speed"
+        return VelocityLimits(
+            (forward,),
+            (f"{gait}.max_lateral_speed", forward, "command.max_lateral_speed"),
+            (f"{gait}.max_yaw_rate", "command.max_yaw_rate"),
+        )
 
     @property
     def clock(self) -> GaitClock:

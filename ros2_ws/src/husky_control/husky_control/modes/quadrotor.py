@@ -10,7 +10,7 @@ from dataclasses import replace
 
 from husky_control.flight.hover import AIRBORNE, HoverPhase
 from husky_control.modes.arms_in_flight import ArmsInFlight
-from husky_control.modes.behaviour import STOPS, Event, Happening, Velocity, out_of_range
+from husky_control.modes.behaviour import STOPS, Event, Happening, Velocity, VelocityLimits
 from husky_control.modes.context import ModeContext
 from husky_control.modes.fly import Fly
 from husky_control.tick_data import TICK, JointCommand
@@ -118,12 +118,11 @@ class Quadrotor(Fly):
         """Return the command as it is: a flight goes as slowly as it is told."""
         return velocity
 
-    def refuse_velocity(self, velocity: Velocity) -> str:
-        """Return why a velocity command is out of range, "" if it is not."""
-        p = self.context.parameters
-        speed, rate = p["quadrotor.max_speed"], p["quadrotor.max_yaw_rate"]
-        limits = (("vx", speed, "m/s"), ("vy", speed, "m/s"), ("yaw_rate", rate, "rad/s"))
-        return out_of_range(velocity, limits)
+    @property
+    def velocity_limits(self) -> VelocityLimits:
+        """Parameters that limit the velocity command in flight."""
+        speed = ("quadrotor.max_speed",)
+        return VelocityLimits(speed, speed, ("quadrotor.max_yaw_rate",))
 
     def drive(self, velocity: Velocity, *, wakes: bool) -> str:
         """Go on over the ground and turn, as long as the place is held."""
