@@ -47,7 +47,7 @@ class NotingRobot:
         """Offer all that a robot offers, through a node."""
         self.calls: list[str] = []
         self.velocities: list[tuple[float, float, float]] = []
-        self.state = ControllerState(mode="passive", gait="trot")
+        self.state = ControllerState(mode="passive", gait="trot", velocity_limit=(1.6, 0.3, 0.8))
         self.drives = DriveStatusArray(drives=[DriveStatus() for _ in range(12)])
         self.fans: PropulsionState | None = None
         self.broken: set[str] = set()

@@ -120,6 +120,10 @@ def test_an_operator_at_the_keyboard(bench: Bench) -> None:
 
     bench.type("g")
     bench.until(lambda: robot.calls[-1] == "gait crawl", "the next gait")
+    robot.state.velocity_limit = (0.05, 0.02, 0.1)
+    bench.spin(0.5)
+    bench.type("wq")
+    bench.until(lambda: (0.05, 0.0, 0.1) in robot.velocities, "what the gait allows")
     bench.type(" ")
     bench.until(lambda: robot.calls[-1] == "stand", "a stop")
     bench.type("j")

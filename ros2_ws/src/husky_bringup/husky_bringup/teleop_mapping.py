@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from enum import Enum
 
 
@@ -36,6 +36,11 @@ class Velocity:
         return Velocity(
             self.forward * limits.forward, self.left * limits.left, self.yaw * limits.yaw
         )
+
+    def fitted(self, full: Velocity, limits: Velocity) -> Velocity:
+        """Return the same shares of the limits, on axes where these are below full command."""
+        pairs = zip(astuple(self), astuple(full), astuple(limits), strict=True)
+        return Velocity(*(v / top * limit if limit < top else v for v, top, limit in pairs))
 
     @property
     def moving(self) -> bool:

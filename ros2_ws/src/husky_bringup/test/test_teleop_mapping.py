@@ -239,3 +239,11 @@ def test_gaits_go_round() -> None:
     assert next_gait(gaits, "trot") == "crawl"
     assert next_gait(gaits, "bound") == "trot"
     assert next_gait(gaits, "unheard of") == "trot"
+
+
+def test_a_gait_that_is_slower_than_full_command_gets_the_same_share_of_its_own_limits():
+    full, crawl = Velocity(0.5, 0.3, 0.8), Velocity(0.05, 0.02, 0.1)
+    assert full.fitted(full, crawl) == crawl  # to the bit, or it would be refused
+    assert Velocity(-0.25, 0.15, 0.0).fitted(full, crawl) == Velocity(-0.025, 0.01, 0.0)
+    assert full.fitted(full, Velocity(1.6, 0.3, 2.0)) == full
+    assert full.fitted(full, Velocity()) == Velocity()

@@ -45,9 +45,14 @@ class RobotOperator:
         outcome: of what is asked for from now on; a new request has a new one.
     """
 
-    def __init__(self, node: Node):
-        """Find the robot's topic and services, and say which action calls what."""
-        self._node = node
+    def __init__(self, node: Node, full: Velocity):
+        """Find the robot's topic and services, and say which action calls what.
+
+        Args:
+            node: that the operator has.
+            full: velocities at full command.
+        """
+        self._node, self._full = node, full
         self.drives: DriveStatusArray | None = None
         self.table = ModeTable()
         self.gaits: Sequence[str] = ()
@@ -101,8 +106,14 @@ class RobotOperator:
         """Do what an operator asks for."""
         self._actions[action]()
 
-    def drive(self, velocity: Velocity) -> None:
-        """Send a velocity; a robot that goes on standing, as it is not woken, is asked to walk."""
+    def drive(self, velocity: Velocity) -> Velocity:
+        """Send a velocity; a robot that goes on standing, as it is not woken, is asked to walk.
+
+        Returns:
+            What was sent: where the robot accepts less than full command, the same share of that.
+        """
+        if self._state is not None:
+            velocity = velocity.fitted(self._full, Velocity(*self._state.velocity_limit))
         stands = velocity.moving and self._mode == "stand"
         self._not_followed = self._not_followed + 1 if stands else 0
         if self._not_followed > _NOT_FOLLOWED:
@@ -112,6 +123,7 @@ class RobotOperator:
         twist.linear.x, twist.linear.y = velocity.forward, velocity.left
         twist.angular.z = velocity.yaw
         self._publisher.publish(twist)
+        return velocity
 
     def go_on(self) -> None:
         """Stand up, if that was asked for, as soon as the drives are enabled."""

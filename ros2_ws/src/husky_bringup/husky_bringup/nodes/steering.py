@@ -65,7 +65,7 @@ class Steering:
         limits, layout = declare_limits(node), declare_layout(node)
         what = "how long a browser's word to move counts, and how late it may come [s]"
         silence = declare(node, "silence", 0.5, what, lower=0.1, upper=2.0)
-        self._robot = RobotOperator(node)
+        self._robot = RobotOperator(node, limits)
         self._operators = Operators(Rules(limits, layout, silence, longest_look(node)))
         self._asked: Queue[tuple[Operator, Ask]] = Queue(_WAITING)
         self._stops_asked: dict[Action, Operator] = {}

@@ -55,7 +55,7 @@ class Teleop(OneClock, Node):
         self._shown = ""
         self._refusal_shown = (Outcome(), "")
         self.hot: Sequence[Subscription] = []
-        self._robot = RobotOperator(self)
+        self._robot = RobotOperator(self, limits)
         self._robot.gaits = gaits
         self._listen()
         self._terminal = Terminal.open()
@@ -101,7 +101,7 @@ class Teleop(OneClock, Node):
         if command is None:
             command = self._joystick.command(now)
         if command is not None:
-            self._robot.drive(command)
+            command = self._robot.drive(command)
         if self._terminal is not None:
             self._show_refusal()
             self._show(self._robot.known(), command or Velocity())

@@ -101,6 +101,10 @@ class ControllerReport:
         state.desired_position = context.desired_position
         state.desired_velocity = context.desired_velocity
         state.commanded_velocity = controller.present.ramped_velocity
+        limits = controller.present.velocity_limits
+        state.velocity_limit = [
+            min(map(controller.parameters.__getitem__, each)) for each in limits
+        ]
         state.ticks = clock.ticks
         state.overruns = clock.overruns
         state.missed_ticks = self.missed
