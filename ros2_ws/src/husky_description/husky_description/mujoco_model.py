@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from husky_description.arrays import Array
+from husky_description.frame_compliance import AXES, add_springs
 from husky_description.gravity import GRAVITY
 from husky_description.inertia import box_inertia
 from husky_description.look import (
@@ -36,14 +37,19 @@ SITE_GROUP = 4
 _JOINT_AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 1.0, 0.0))
 
 
-def build_spec(robot: Robot) -> mujoco.MjSpec:
+def build_spec(robot: Robot, *, bending: bool = False) -> mujoco.MjSpec:
     """Make the robot alone, on a free joint in an empty world, to be extended by a scene.
+
+    Args:
+        robot: its numbers.
+        bending: let the frame bend as the robot's `frame` says, see `frame_compliance`; without it,
+            or with a stiff frame, qpos[7:] and qvel[6:] are the joints.
 
     Bodies: `base`, `<leg>_hip`, `<leg>_thigh`, `<leg>_shin`, and `payload` welded to the base;
     with propellers at the knees also `<leg>_knee_pod`, welded to the thigh.
-    Joints: `floating_base`, then the twelve of `robot.joint_names`, in that order, so that
-    qpos[7:] and qvel[6:] are the joints. Actuators: one `motor` per joint, named and ordered as
-    the joints, of gear 1, so that ctrl (12,) is the joint torque [N m], clipped only beyond
+    Joints: `floating_base`, then the twelve of `robot.joint_names`, in that order; where the frame
+    bends, three more before those of each leg. Actuators: one `motor` per joint, named and ordered
+    as the joints, of gear 1, so that ctrl (12,) is the joint torque [N m], clipped only beyond
     what an actuator can give. Sites: `imu`, `t265`, `perch`, `<leg>_foot` (centre of the sphere),
     and `<fan>_fan` or `<leg>_propeller` (z along the thrust). Keyframes: `sit` and `stand`.
 
@@ -54,10 +60,11 @@ def build_spec(robot: Robot) -> mujoco.MjSpec:
     needs `priority=1`, because MuJoCo takes the larger friction of a pair otherwise.
 
     Options and their reasons: step 0.5 ms (a joint PD of 300 N m/rad is far from its stability
-    limit and contacts of 5 ms are resolved by ten steps); Euler, because without joint damping
-    implicitfast has nothing to gain and costs 5 % more; elliptic cone and impratio 100, because
-    the defaults creep 25-45 mm/s on a slope of 20-25 deg and these 0.1 mm/s; Newton, which needs
-    one iteration when standing; no constraint islands, of which a single robot is one.
+    limit and contacts of 5 ms are resolved by ten steps); Euler, because implicitfast has nothing
+    to gain and costs 5 % more: the only force that depends on velocity is the frame's damping, and
+    both take that implicitly; elliptic cone and impratio 100, because the defaults creep 25-45 mm/s
+    on a slope of 20-25 deg and these 0.1 mm/s; Newton, which needs one iteration when standing; no
+    constraint islands, of which a single robot is one.
     """
     spec = mujoco.MjSpec()
     spec.modelname = robot.name
@@ -67,14 +74,22 @@ def build_spec(robot: Robot) -> mujoco.MjSpec:
     _add_defaults(spec, robot)
     add_materials(spec)
     base = _add_base(spec, robot)
+    bending = bending and robot.frame.frequency > 0.0
     for leg in range(4):
-        _add_leg(spec, base, robot, leg)
+        _add_leg(spec, base, robot, leg, bending)
     add_parallelograms(spec, robot)
     for leg in range(4):
         for joint in range(3):
             _add_motor(spec, robot, 3 * leg + joint)
-    _add_keyframe(spec, robot, "sit", robot.sit_height, robot.sit_joint_position)
-    _add_keyframe(spec, robot, "stand", robot.stand_height, robot.stand_joint_position)
+    for name, height, joints in (
+        ("sit", robot.sit_height, robot.sit_joint_position),
+        ("stand", robot.stand_height, robot.stand_joint_position),
+    ):
+        legs = joints.reshape(4, 3)
+        if bending:
+            legs = np.pad(legs, ((0, 0), (len(AXES), 0)))  # the hips where they are without load
+        base_pose = [0.0, 0.0, height + robot.foot_radius, 1.0, 0.0, 0.0, 0.0]
+        spec.add_key(name=name, qpos=np.append(base_pose, legs), ctrl=np.zeros(joints.size))
     return spec
 
 
@@ -228,7 +243,9 @@ def _add_base(spec: mujoco.MjSpec, robot: Robot) -> mujoco.MjsBody:
     return base
 
 
-def _add_leg(spec: mujoco.MjSpec, base: mujoco.MjsBody, robot: Robot, leg: int) -> None:
+def _add_leg(
+    spec: mujoco.MjSpec, base: mujoco.MjsBody, robot: Robot, leg: int, bending: bool
+) -> None:
     name = robot.legs[leg]
     offset = [0.0, robot.lateral_offset[leg], 0.0]
     down = np.array([0.0, 0.0, -1.0])
@@ -240,6 +257,8 @@ def _add_leg(spec: mujoco.MjSpec, base: mujoco.MjsBody, robot: Robot, leg: int) 
     shin = thigh.add_body(name=f"{name}_shin", pos=down * robot.thigh_length)
     _set_inertia(shin, robot.shin_mass, down * robot.shin_length / 2, robot.shin_inertia)
 
+    if bending:
+        add_springs(hip, name, robot)
     for row, body in enumerate((hip, thigh, shin)):
         joint = 3 * leg + row
         body.add_joint(
@@ -308,13 +327,6 @@ def _add_motor(spec: mujoco.MjSpec, robot: Robot, joint: int) -> None:
     motor.target = robot.joint_names[joint]
 
 
-def _add_keyframe(
-    spec: mujoco.MjSpec, robot: Robot, name: str, height: float, joints: Array
-) -> None:
-    base = [0.0, 0.0, height + robot.foot_radius, 1.0, 0.0, 0.0, 0.0]
-    spec.add_key(name=name, qpos=np.concatenate((base, joints)), ctrl=np.zeros(joints.size))
-
-
 def _add_collision(
     spec: mujoco.MjSpec,
     body: mujoco.MjsBody,
@@ -359,4 +371,4 @@ def _quaternion(rpy: ArrayLike) -> Array:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description="Write the robot as MJCF to standard output.")
     parser.add_argument("robot", nargs="?", default=ROBOTS[0], choices=ROBOTS)
-    print(build_spec(load_robot(parser.parse_args().robot)).to_xml(), end="")
+    print(build_spec(load_robot(parser.parse_args().robot), bending=True).to_xml(), end="")

@@ -53,6 +53,7 @@ class RobotSections:
     leg: sections.LegSection
     joints: sections.JointsSection
     contact: sections.ContactSection
+    frame: sections.FrameSection
     posture: sections.PostureSection
     size: sections.SizeSection
     servo: sections.ServoSection

@@ -36,6 +36,7 @@ def check_together(read: Mapping[str, Any]) -> None:
     inertia = read["body"].inertia
     if 2 * inertia.max() > inertia.sum():
         raise ValueError(f"body.inertia: {inertia.tolist()}: one exceeds the sum of the other two")
+    read["frame"].check()
     if "fans" in read:
         read["fans"].check()
     if "propellers" in read:

@@ -75,6 +75,34 @@ class ContactSection:
     damping_ratio: Annotated[float, number(0.1, 10.0)]
 
 
+SOFTEST_FRAME = 10.0
+"""Least eigenfrequency of a frame that bends [Hz]."""
+
+
+@dataclass(frozen=True, eq=False)
+class FrameSection:
+    """Bending of the frame at each hip, see `frame_compliance`.
+
+    Eigenfrequency of the body on its four standing legs with blocked joints and feet that are held
+    [Hz], 0 for a stiff frame; damping ratio of that mode [-].
+    """
+
+    frequency: Annotated[float, number(0.0, 40.0)]
+    damping_ratio: Annotated[float, number(0.0, 1.0)]
+
+    def check(self) -> None:
+        """Refuse a frame that is too soft.
+
+        Raises:
+            ValueError: names the key and what is allowed.
+        """
+        if 0.0 < self.frequency < SOFTEST_FRAME:
+            raise ValueError(
+                f"frame.frequency: {self.frequency:g} Hz is neither 0, for a stiff frame, nor "
+                f"within [{SOFTEST_FRAME:g}, 40]"
+            )
+
+
 @dataclass(frozen=True, eq=False)
 class PostureSection:
     """Named postures: base above the foot centres when standing, perch above ground sitting [m]."""

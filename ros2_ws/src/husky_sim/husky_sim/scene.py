@@ -102,7 +102,8 @@ class WorldOptions:
 
 def build_scene(robot: Robot, options: WorldOptions) -> mujoco.MjSpec:
     """Return the robot in its world: ground, light, sky."""
-    spec = build_unit_spec(robot) if options.body == "unit" else build_spec(robot)
+    unit = options.body == "unit"
+    spec = build_unit_spec(robot) if unit else build_spec(robot, bending=True)
     spec.option.timestep = options.timestep
     spec.visual.headlight.ambient = [0.35, 0.35, 0.35]
     spec.visual.headlight.diffuse = [0.5, 0.5, 0.5]

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from husky_description.arrays import Array
 from husky_description.plain_mujoco import mujoco
@@ -97,11 +98,13 @@ class World:
         self._substeps = round(TICK_PERIOD_NS / 1e9 / options.timestep)
         self._step_ns = TICK_PERIOD_NS // self._substeps
         self._base = self.model.body("base").id
-        # Views of MuJoCo's memory: free joint first, then the 12 joints in joint order.
         self.has_legs = options.body != "unit"
-        self.joint_position: Array = self.data.qpos[7:19] if self.has_legs else np.zeros(12)
-        self.joint_velocity: Array = self.data.qvel[6:18] if self.has_legs else np.zeros(12)
+        self.joint_position: Array = np.zeros(12)
+        self.joint_velocity: Array = np.zeros(12)
+        self._joint_qpos: NDArray[np.intp] | None = None  # and of qvel, where they are no views
+        self._joint_qvel: NDArray[np.intp] | None = None
         if self.has_legs:
+            self._find_joints()
             self.servos.torque = self.data.ctrl[:12]
         unit = options.body != "robot"
         self.fans = propulsion_of(robot, self.model, self.data) if unit else None
@@ -118,6 +121,21 @@ class World:
             if self.has_legs
         }
         self.reset(options.keyframe)
+
+    def _find_joints(self) -> None:
+        """Make the joints views of MuJoCo's memory, or copies where the frame's are in between."""
+        joints = [self.model.joint(name) for name in self.robot.joint_names]
+        qpos = np.array([joint.qposadr[0] for joint in joints])
+        qvel = np.array([joint.dofadr[0] for joint in joints])
+        if np.array_equal(qpos, np.arange(7, 19)):
+            self.joint_position, self.joint_velocity = self.data.qpos[7:19], self.data.qvel[6:18]
+        else:
+            self._joint_qpos, self._joint_qvel = qpos, qvel
+
+    def _copy_joints(self) -> None:
+        """Bring the joints up to date; to be called where they are no views."""
+        self.data.qpos.take(self._joint_qpos, out=self.joint_position)
+        self.data.qvel.take(self._joint_qvel, out=self.joint_velocity)
 
     @property
     def scene_xml(self) -> str:
@@ -152,6 +170,8 @@ class World:
         self.slid = [0.0] * 4
         self._hash = hashlib.sha256()
         self.servos.reset()
+        if self._joint_qpos is not None:
+            self._copy_joints()
         self.servos.update_state(self.joint_position)
 
     def _place(self) -> None:
@@ -184,6 +204,7 @@ class World:
         samples: list[TrueImuSample] = []
         model, data, servos = self.model, self.data, self.servos
         position, velocity = self.joint_position, self.joint_velocity
+        copied = self._joint_qpos is not None
         if self._push_until_ns and self.time_ns >= self._push_until_ns:
             data.xfrc_applied[self._push_body] = 0.0
             self._push_until_ns = 0
@@ -203,6 +224,8 @@ class World:
                     self.poses.append(self._pose_sample(now))
                 fans.step(self._drives_power)
             step_physics(model, data)
+            if copied:
+                self._copy_joints()
             now += self._step_ns
             # Sensors now hold the state at the start of the step, the newest that a sample that is
             # due before its end can have.

@@ -37,10 +37,13 @@ def declare_and_build_world(node: Node) -> World:
     """
     what = "payload [kg], negative for what the robot's file says"
     payload = declare(node, "payload", -1.0, what, -1.0, 10.0)
+    what = "of the body on the frame, 0 stiff, 10 or more; negative for what the file says [Hz]"
+    frequency = declare(node, "frame_frequency", -1.0, what, -1.0, 40.0)
     scene = declare(node, "save_scene", "", "file that gets the world as MuJoCo XML")
     options = declare_world(node)
     sensing = declare_sensing(node, "VN-200 and T265")
     changes: dict[str, Any] = {} if payload < 0.0 else {"payload_mass": payload}
+    changes |= {} if frequency < 0.0 else {"frame__frequency": frequency}
     changes |= IDEAL_SENSING if sensing == "ideal" else {}
     world = World(declare_robot(node, **changes, **declare_mounting(node)), options)
     what = "velocity of the air in world [m/s]; at zero the air is left out"
