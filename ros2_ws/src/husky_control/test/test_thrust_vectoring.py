@@ -1,23 +1,58 @@
 """Tilted propellers against the moment that MuJoCo-checked rotor geometry gives (T21)."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from husky_control.flight.hover import HoverPhase
 from husky_control.flight.thrust_vectoring import (
     TILT_LIMIT,
     ThrustVectoring,
     hover_wrench,
     tilt_per_moment,
 )
-from husky_control.modes.arms_in_flight import DRAWN_TOGETHER
+from husky_control.modes.arms_in_flight import (
+    DRAWN_TOGETHER,
+    YAW_RATE_CUTOFF,
+    ArmsInFlight,
+)
+from husky_control.parameters import Parameters
+from husky_control.tick_data import JointCommand
 from husky_description.gravity import GRAVITY
 from husky_description.robot import load_robot
 from husky_description.rotor_geometry import flight_posture
 
 BETA = load_robot("beta")
 DT = 0.002
+
+
+def swing_of_the_hips(frequency):
+    """Greatest hip angle [rad] with which arms answer a yaw rate of 0.1 rad/s amplitude [Hz]."""
+    parameters = Parameters.of(BETA)
+    parameters.set("quadrotor.thrust_vectoring", 1.0)
+    measured = SimpleNamespace(
+        angular_velocity_base_in_base=np.zeros(3), joint_position=np.zeros(12), fans_lost=-1
+    )
+    arms = ArmsInFlight(
+        SimpleNamespace(
+            robot=BETA,
+            vectoring=ThrustVectoring(BETA),
+            parameters=parameters,
+            hover=SimpleNamespace(phase=HoverPhase.HOLD, heading=0.0, yaw_rate=0.0, lead=0.0),
+            body=SimpleNamespace(rotation=np.eye(3), measurements=measured),
+        )
+    )
+    hips = []
+    for tick in range(round(3.0 / DT)):
+        rate = 0.1 * np.sin(2.0 * np.pi * frequency * tick * DT)
+        measured.angular_velocity_base_in_base[2] = rate
+        command = JointCommand()
+        arms.move(command)
+        hips.append(command.position[0])
+    return np.abs(hips[len(hips) // 2 :]).max()
 
 
 def wrench_of(angles):
@@ -77,3 +112,11 @@ def test_arms_that_near_each_other_keep_the_lift_centred():
     aside[1::3] += 0.14
     np.testing.assert_allclose(hover_wrench(BETA, together)[3:], 0.0, atol=0.01)
     assert abs(hover_wrench(BETA, aside)[4]) > 0.2
+
+
+def test_arms_that_damp_the_yaw_do_not_answer_to_what_rings():
+    """A body on its frame and servos rings above 20 Hz; it turns below 1 Hz."""
+    ring, turn = swing_of_the_hips(22.0), swing_of_the_hips(0.5)
+    per_rate = Parameters.of(BETA)["quadrotor.yaw_damping"] * tilt_per_moment(BETA)[0]
+    assert turn == pytest.approx(0.1 * abs(per_rate), rel=0.02)
+    assert ring == pytest.approx(turn / np.hypot(1.0, 22.0 / YAW_RATE_CUTOFF), rel=0.1)
