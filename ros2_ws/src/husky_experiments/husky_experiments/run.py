@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import copy
 import json
 import math
 import sys
@@ -15,6 +16,7 @@ from typing import Any
 from husky_bringup.settings import collect
 from husky_bringup.system import ParameterValue, simulated_robot
 from husky_description.robot import ROBOTS, Robot, load_robot
+from husky_description.sections import SOFTEST_FRAME
 from husky_experiments.output_directory import OutputDirectory
 from husky_experiments.recordings.recording import Recording
 from husky_experiments.session import Session, SessionError
@@ -35,6 +37,15 @@ _WAITING = (
     graph.PIXHAWK_BRIDGE,
 )
 """The nodes that have a parameter `grace`."""
+
+
+def frame_frequency(text: str) -> float:
+    """Read the eigenfrequency of a frame [Hz]; raises ArgumentTypeError with what is allowed."""
+    try:
+        return load_robot(frame__frequency=float(text)).frame.frequency
+    except ValueError as error:
+        allowed = f"{text} is not allowed: 0 for a stiff frame, or {SOFTEST_FRAME:g} to 40 Hz"
+        raise argparse.ArgumentTypeError(allowed) from error
 
 
 class Run:
@@ -78,6 +89,19 @@ class Run:
         """Leave the directory of results with what was written, or as it was."""
         self._leave()
 
+    def part(self, label: str, options: argparse.Namespace) -> Run:
+        """Return another experiment as a part of this one, with criteria and metrics of its own.
+
+        Args:
+            label: subdirectory of the output for its results.
+            options: of its own; this run's options stand in for all others.
+        """
+        part = copy.copy(self)
+        part.options = argparse.Namespace(**(vars(self.options) | vars(options)))
+        part.output = self.output / label
+        part.metrics, part.criteria = {}, {}
+        return part
+
     # The graph ------------------------------------------------------------------------------
     @contextmanager
     def session(
@@ -106,6 +130,8 @@ class Run:
         for node, values in collect(self.options.set).items():
             chosen.setdefault(node, {}).update(values)
         plant = chosen.setdefault(graph.PLANT, {})
+        if self.options.compliance is not None:
+            plant["frame_frequency"] = float(self.options.compliance)
         self._robot = str(plant.get("robot", ROBOTS[0]))
         plant["save_scene"] = str((directory / SCENE_FILE).resolve())
         try:
@@ -202,9 +228,14 @@ class Run:
         self.criteria["carried_through"] = {"value": 0, "bound": ">= 1", "ok": False}
         self._progress.line(f"failed: {reason}")
 
+    @property
+    def ok(self) -> bool:
+        """Whether every criterion holds, and there is one."""
+        return bool(self.criteria) and all(entry["ok"] for entry in self.criteria.values())
+
     def finish(self) -> int:
         """Write `result.json`, print it as the last line, return the exit code."""
-        ok = bool(self.criteria) and all(entry["ok"] for entry in self.criteria.values())
+        ok = self.ok
         self._progress.end()
         for name, entry in self.criteria.items():
             mark = "ok  " if entry["ok"] else "FAIL"

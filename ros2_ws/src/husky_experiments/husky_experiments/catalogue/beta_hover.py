@@ -20,6 +20,7 @@ from husky_experiments.metrics.hovering import (
     sweep_summary,
     turn_of,
 )
+from husky_experiments.metrics.measures import tilt
 from husky_experiments.metrics.propulsion import Span
 from husky_experiments.morph_scripts import (
     become_perched,
@@ -130,6 +131,8 @@ def judge(run: Run, recording: Recording, robot: Robot, spans: dict[str, Span]) 
     took_off, hold = spans["climb"][0], spans["hold"]
     height = table_of(robot)["quadrotor.height"].default
     run.metrics |= hold_summary(recording, took_off, height, hold)
+    flight = recording.base.between(hold[0], max(end for _, end in spans.values()))
+    run.metrics["tilt_max_deg"] = math.degrees(tilt(flight.orientation).max())
     run.require("estimated_position_error_max_m", upper=0.05)
     run.require("true_position_error_max_m", upper=0.15)
     run.require("attitude_rms_deg", upper=2.0)

@@ -22,6 +22,7 @@ from husky_description.mujoco_model import build_spec, flying_inertia
 from husky_description.plain_mujoco import mujoco
 from husky_description.robot import Robot, load_robot
 from husky_experiments.metrics import walking as metrics
+from husky_experiments.metrics.measures import tilt
 from husky_experiments.metrics.propulsion import attitude_summary, base_by_t265, taut
 from husky_experiments.recordings.recording import Recording
 from husky_experiments.run import Run
@@ -217,6 +218,8 @@ def summary(recording: Recording, robot: Robot, spans: Spans) -> dict[str, Any]:
         error = np.linalg.norm(inside.position - (np.array(at) + target), axis=1)
         result[f"{name}position_error_max_m"] = float(error.max())
         result[f"{name}position_error_rms_m"] = float(np.sqrt(np.mean(error**2)))
+    leaning = tilt(base.between(start, end).orientation)
+    result["tilt_max_deg"] = float(np.degrees(leaning.max()))
     yaw = Rotation.from_quat(base.between(take_off, end).orientation).as_euler("ZYX")[:, 0]
     result["yaw_change_max_deg"] = float(np.degrees(np.abs(np.unwrap(yaw) - yaw[0]).max()))
     attitude = attitude_summary(recording, start, end)

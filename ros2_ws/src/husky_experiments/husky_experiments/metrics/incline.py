@@ -10,7 +10,7 @@ from husky_description.robot import Robot
 from husky_experiments.incline_course import Course
 from husky_experiments.metrics import measures
 from husky_experiments.metrics.measures import by_group, peak, rms
-from husky_experiments.metrics.walking import Summary
+from husky_experiments.metrics.walking import Summary, foot_placement_rms
 from husky_experiments.recordings.recording import Recording
 from husky_runtime import graph
 
@@ -39,6 +39,8 @@ def climb_summary(
         "lateral_drift_m": float(way[1]),
         **_attitude(base.orientation, course),
         **_feet(recording, course, start, end),
+        "foot_placement_rms_mm": 1e3
+        * foot_placement_rms(recording, robot, start, end, course.normal),
     }
     torque = recording.joints.between(start, end).torque
     for group, values in by_group(torque).items():
@@ -72,6 +74,7 @@ def _attitude(orientation: Array, course: Course) -> Summary:
         "roll_rms_deg": rms(np.degrees(roll)),
         "pitch_rms_deg": rms(np.degrees(pitch)),
         "yaw_max_deg": peak(np.degrees(yaw)),
+        "tilt_max_deg": peak(np.degrees(measures.tilt(orientation, course.normal))),
     }
 
 

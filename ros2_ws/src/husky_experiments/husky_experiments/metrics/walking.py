@@ -5,10 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from husky_control.gait import stability
 from husky_description.actuation import BUS_SERVOS
 from husky_description.arrays import Array
+from husky_description.kinematics import Kinematics
 from husky_description.robot import Robot
 from husky_experiments.metrics import measures
 from husky_experiments.metrics.measures import UP, by_group, nearest, peak, rms
@@ -110,6 +112,28 @@ def static_margin(recording: Recording, start: float, end: float) -> float:
         if start <= stamp <= end
     ]
     return min(margins, default=float("nan"))
+
+
+def foot_placement_rms(
+    recording: Recording, robot: Robot, start: float, end: float, normal: Array = UP
+) -> float:
+    """Return how far feet come down from where the controller puts them [m], rms over all steps.
+
+    The distance along the ground, at the first touch of a step, from the foot to the place that the
+    joints' commands give it under the true body: what drives and frame give way. NaN of no steps.
+    """
+    base, contacts, commands = recording.base, recording.contacts, recording.commands
+    steps = measures.steps(contacts.between(start, end), normal)
+    touches = np.array([step.start for step in steps])
+    rows = (nearest(table.time, touches) for table in (base, contacts, commands))
+    kinematics, misses = Kinematics(robot), []
+    for step, body, touch, row in zip(steps, *rows, strict=True):
+        if commands.mode_of_operation[row] == _POSITION_MODE:
+            asked = kinematics.foot_positions(commands.position[row])[step.leg]
+            asked = base.position[body] + Rotation.from_quat(base.orientation[body]).apply(asked)
+            miss = contacts.position[touch, step.leg] - asked
+            misses.append(np.linalg.norm(miss - (miss @ normal) * normal))
+    return rms(np.array(misses))
 
 
 def _finite(value: float | int | bool | str | None) -> float | int | bool | str | None:
@@ -237,4 +261,7 @@ def _contact_summary(
         slips = np.array([step.slip for step in found]) * 1e3
         result["slip_mean_mm"] = float(slips.mean())
         result["slip_max_mm"] = float(slips.max())
+    if recording.has(graph.JOINT_COMMAND) and recording.has(graph.GROUND_TRUTH):
+        placement = foot_placement_rms(recording, robot, start, end, normal)
+        result["foot_placement_rms_mm"] = 1e3 * placement
     return result
