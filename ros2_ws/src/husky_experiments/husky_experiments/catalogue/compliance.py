@@ -24,10 +24,10 @@ CASES = {
 MUST_HOLD = {"trot": 15.0, "wair_30": 15.0}
 """Frequency down to which a case has to meet its criteria [Hz]; the others must with a stiff frame.
 """
-FIGURES = ("roll_rms_deg", "pitch_rms_deg", "foot_placement_rms_mm", "tilt_max_deg")
+REPORTED = ("roll_rms_deg", "pitch_rms_deg", "foot_placement_rms_mm", "tilt_max_deg")
 """Metrics that are reported of each case; flights have no foot placement."""
 
-Figures = dict[str, Any]
+Outcome = dict[str, Any]
 """Whether a case is `ok`, its criteria that `failed` with their values, and its metrics."""
 
 
@@ -69,7 +69,7 @@ def run(run: Run) -> None:
         draw_compliance(found, run.output / "figures")
 
 
-def softest(by_frequency: Mapping[float, Figures]) -> str:
+def softest(by_frequency: Mapping[float, Outcome]) -> str:
     """Return the name of the softest frame with which, and with all stiffer ones, a case is `ok`.
 
     Args:
@@ -86,7 +86,7 @@ def softest(by_frequency: Mapping[float, Figures]) -> str:
     return found
 
 
-def _run_case(run: Run, case: str, frequency: float) -> Figures:
+def _run_case(run: Run, case: str, frequency: float) -> Outcome:
     """Run one case on one frame."""
     name, arguments = CASES[case]
     experiment = catalogue.find(name)
@@ -101,9 +101,9 @@ def _run_case(run: Run, case: str, frequency: float) -> Figures:
         part.fail(str(error))
     failed = {key: entry["value"] for key, entry in part.criteria.items() if not entry["ok"]}
     run.say(f"{case}, {_name(frequency)}: {', '.join(failed) or 'all criteria hold'}")
-    told: Figures = {"ok": part.ok, "failed": failed}
+    told: Outcome = {"ok": part.ok, "failed": failed}
     told["falls"] = part.criteria.get("falls", {}).get("value")
-    told |= {key: part.metrics.get(key) for key in FIGURES}
+    told |= {key: part.metrics.get(key) for key in REPORTED}
     if told["tilt_max_deg"] is not None:
         told["attitude_margin_deg"] = math.degrees(MAXIMUM_TILT) - told["tilt_max_deg"]
     return told
