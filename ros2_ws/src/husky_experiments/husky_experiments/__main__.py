@@ -54,9 +54,8 @@ def main(arguments: list[str]) -> int:
     add_set_option(parser, "after the experiment's own parameters; may be given many times")
     experiment.add_options(parser)
     options = parser.parse_args(arguments[1:])
-    if options.compliance is not None and "frame_frequency" in collect(options.set).get(
-        "plant", ()
-    ):
+    plant = collect(options.set).get(graph.PLANT, {})
+    if options.compliance is not None and "frame_frequency" in plant:
         parser.error("argument --compliance: --set plant.frame_frequency is given too")
     try:
         # Before the results of an earlier run are cleared away: it may still be running.

@@ -230,7 +230,7 @@ class Run:
 
     @property
     def ok(self) -> bool:
-        """Whether every criterion holds, and there is one."""
+        """True when every criterion holds, and there is one."""
         return bool(self.criteria) and all(entry["ok"] for entry in self.criteria.values())
 
     def finish(self) -> int:

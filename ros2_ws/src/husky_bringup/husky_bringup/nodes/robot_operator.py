@@ -110,7 +110,8 @@ class RobotOperator:
         """Send a velocity; a robot that goes on standing, as it is not woken, is asked to walk.
 
         Returns:
-            What was sent: where the robot accepts less than full command, the same share of that.
+            The velocity that was sent, on an axis where the robot accepts less than full command
+            the same share of what it accepts.
         """
         if self._state is not None:
             velocity = velocity.fitted(self._full, Velocity(*self._state.velocity_limit))

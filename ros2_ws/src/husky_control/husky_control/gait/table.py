@@ -64,7 +64,8 @@ COLUMN_UNITS = {
 # Smallest and greatest value of each column. Measured with the others at their defaults and all
 # sensor noise on: start, walk ahead, turn and stop at the speeds of the experiment `gaits`, `climb`
 # up and down 25 deg; the ends lie inside of what was walked. (0, 0): the gait has no such thing.
-# tests/closed_loop/test_parameter_sweep.py walks at every end.
+# tests/closed_loop/test_parameter_sweep.py walks at every end. Only the crawl has walked at the ends
+# of max_lateral_speed and max_yaw_rate; of the others they are what a command may be allowed at all.
 #            period       duty        swing       stance      forward       lateral     follow      margin       hop         max         max         max
 #            s            -           m           m           m             m           -           m            m/s         m/s         m/s         rad/s
 # fmt: off

@@ -147,7 +147,7 @@ class Walking:
         return not self.stepping and not self._moving() and not self._lifting
 
     def _moving(self) -> bool:
-        """Whether feet step, or the body still comes to rest from a hop.
+        """Return whether feet step, or the body still comes to rest from a hop.
 
         A static gait that slows down sways for its last steps too, with all feet on the ground.
         """

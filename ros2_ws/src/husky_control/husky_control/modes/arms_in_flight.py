@@ -33,8 +33,8 @@ DRAWN_TOGETHER = np.array((1.0, 1.0, -1.0, -1.0))
 """Signs of a sweep by which front and hind arms near each other: the lift stays centred."""
 SWEEP_SPEED = 0.4
 """At which `quadrotor.arm_sweep` moves the arms in flight [rad/s]."""
-_FOLLOWS = TICK / (TICK + 1.0 / (2.0 * math.pi * YAW_RATE_CUTOFF))
-"""Share of what is new that the filter takes in a tick."""
+_YAW_RATE_BLEND = TICK / (TICK + 1.0 / (2.0 * math.pi * YAW_RATE_CUTOFF))
+"""Share of the measured rate that the filter takes in a tick [-]."""
 
 
 class ArmsInFlight:
@@ -79,7 +79,7 @@ class ArmsInFlight:
             rate = min(YAW_RATE_LIMIT, max(-YAW_RATE_LIMIT, rate))
             self._yaw_rate = rate = slewed(self._yaw_rate, rate, YAW_ACCELERATION * TICK)
             turning = float(c.body.measurements.angular_velocity_base_in_base[2])
-            self._turning += _FOLLOWS * (turning - self._turning)
+            self._turning += _YAW_RATE_BLEND * (turning - self._turning)
             moment = share * p["quadrotor.yaw_damping"] * (rate - self._turning)
             # The flight controller is to ask its propellers for the same rate, not to brake.
             hover.lead = share * (rate / AUTOPILOT_YAW_GAIN - error)

@@ -43,11 +43,11 @@ Happening = tuple[Event, str]
 
 
 class VelocityLimits(NamedTuple):
-    """Names of the parameters that limit the parts of a velocity command; the least one counts."""
+    """Names of the parameters that limit the parts of a velocity command."""
 
-    vx: tuple[str, ...]
-    vy: tuple[str, ...]
-    yaw_rate: tuple[str, ...]
+    vx: str
+    vy: str
+    yaw_rate: str
 
 
 class Behaviour:
@@ -117,8 +117,7 @@ class Behaviour:
     def refuse_velocity(self, velocity: Velocity) -> str:
         """Return which part of a velocity command is out of its range, "" if none is."""
         p, limits = self.context.parameters, self.velocity_limits
-        for part, value, names in zip(limits._fields, velocity, limits, strict=True):
-            name = min(names, key=p.__getitem__)
+        for part, value, name in zip(limits._fields, velocity, limits, strict=True):
             if not math.isfinite(value) or abs(value) > p[name]:
                 unit = "rad/s" if part == "yaw_rate" else "m/s"
                 return f"{part} must be within +-{p[name]:g} {unit} ({name}), not {value}"
@@ -199,13 +198,12 @@ class Behaviour:
 
     @property
     def velocity_limits(self) -> VelocityLimits:
-        """Parameters that limit the velocity command in this mode."""
+        """Parameters that limit the velocity command in this mode, of several the least one."""
         gait, forward = f"gait.{self.gait}", f"gait.{self.gait}.max_speed"
-        return VelocityLimits(
-            (forward,),
-            (f"{gait}.max_lateral_speed", forward, "command.max_lateral_speed"),
-            (f"{gait}.max_yaw_rate", "command.max_yaw_rate"),
-        )
+        sideways = (f"{gait}.max_lateral_speed", forward, "command.max_lateral_speed")
+        turning = (f"{gait}.max_yaw_rate", "command.max_yaw_rate")
+        size = self.context.parameters.__getitem__
+        return VelocityLimits(forward, min(sideways, key=size), min(turning, key=size))
 
     @property
     def clock(self) -> GaitClock:

@@ -121,8 +121,8 @@ class Quadrotor(Fly):
     @property
     def velocity_limits(self) -> VelocityLimits:
         """Parameters that limit the velocity command in flight."""
-        speed = ("quadrotor.max_speed",)
-        return VelocityLimits(speed, speed, ("quadrotor.max_yaw_rate",))
+        speed = "quadrotor.max_speed"
+        return VelocityLimits(speed, speed, "quadrotor.max_yaw_rate")
 
     def drive(self, velocity: Velocity, *, wakes: bool) -> str:
         """Go on over the ground and turn, as long as the place is held."""

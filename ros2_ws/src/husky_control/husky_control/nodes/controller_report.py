@@ -102,9 +102,7 @@ class ControllerReport:
         state.desired_velocity = context.desired_velocity
         state.commanded_velocity = controller.present.ramped_velocity
         limits = controller.present.velocity_limits
-        state.velocity_limit = [
-            min(map(controller.parameters.__getitem__, each)) for each in limits
-        ]
+        state.velocity_limit = [controller.parameters[name] for name in limits]
         state.ticks = clock.ticks
         state.overruns = clock.overruns
         state.missed_ticks = self.missed

@@ -28,7 +28,7 @@ REPORTED = ("roll_rms_deg", "pitch_rms_deg", "foot_placement_rms_mm", "tilt_max_
 """Metrics that are reported of each case; flights have no foot placement."""
 
 Outcome = dict[str, Any]
-"""Whether a case is `ok`, its criteria that `failed` with their values, and its metrics."""
+"""Result of a case on a frame: `ok`, its criteria that `failed` with their values, metrics."""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
