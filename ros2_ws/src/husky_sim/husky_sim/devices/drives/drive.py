@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 from husky_drivers.cia402 import DriveState, OperationMode
@@ -25,7 +26,7 @@ from husky_drivers.ethercat.bus import (
 from husky_drivers.ethercat.pdo import MAPPINGS, RX_ASSIGNMENT, TX_ASSIGNMENT, mapped
 from husky_sim.devices.drives import drive_cycle
 
-READ_ONLY = 0x06010002
+READ_ONLY, TOO_LONG = 0x06010002, 0x06070012
 CANNOT_MAP, WRONG_LENGTH, OUT_OF_RANGE, WRONG_STATE = 0x06040041, 0x06070010, 0x06090030, 0x08000022
 INVALID_CHANGE, INVALID_OUTPUTS, INVALID_INPUTS = 0x0011, 0x001D, 0x001E
 
@@ -101,10 +102,67 @@ STORED: dict[od.ObjectEntry, od.Number] = {
 }
 """Objects that are kept and have no effect here, and what they hold from the factory (assumed)."""
 
+OS_COMMAND = od.ObjectEntry(0x1023, 1, "s", True, "command")
+OS_REPLY = od.ObjectEntry(0x1023, 3, "s", False, "reply")
+LONGEST_COMMAND = 512
+"""Bytes of the longest OS command (assumed)."""
+TEXTS: dict[od.ObjectEntry, bytes] = {
+    od.ObjectEntry(0x1008, 0, "s", False, "device name"): b"Gold Twitter",
+    od.ObjectEntry(0x100A, 0, "s", False, "software version"): b"Twitter 01.01.15.00",
+    OS_COMMAND: b"",
+    OS_REPLY: b"",
+}
+"""Objects that hold text. CiA 301's OS command stands for Elmo's interpreter, which is not
+simulated: its reply repeats the command and ends it with a semicolon (assumed)."""
+
+FACTORY_MAPPINGS: dict[int, tuple[int, ...]] = {
+    0x1600: (0x607A0020, 0x60FE0120, 0x60400010),
+    0x1A00: (0x60640020, 0x60FD0020, 0x60410010),
+}
+"""What the assignments after power on map (slave dump); they are read and never used here."""
+
+FIXED: dict[od.ObjectEntry, int] = (
+    {
+        od.ObjectEntry(0x1000, 0, "<I", False, "device type"): 0x00020192,
+        od.ObjectEntry(0x1C10, 0, "<B", False, "mappings of sync manager 0"): 0,
+        od.ObjectEntry(0x1C11, 0, "<B", False, "mappings of sync manager 1"): 0,
+    }
+    | {
+        od.ObjectEntry(0x1C00, manager + 1, "<B", False, f"type of sync manager {manager}"): manager
+        + 1
+        for manager in range(4)
+    }
+    | {
+        od.ObjectEntry(index, slot, "<I", False, f"object {slot} mapped by 0x{index:04X}"): mapping
+        for index, mappings in FACTORY_MAPPINGS.items()
+        for slot, mapping in enumerate(mappings, 1)
+    }
+)
+"""Objects that never change."""
+
+OBJECT_NAMES = {
+    0x1018: "identity",
+    0x1023: "OS command",
+    0x1C00: "sync manager types",
+    0x1C12: "output mappings",
+    0x1C13: "input mappings",
+    0x2110: "KI of the inner loop",
+    0x2111: "KP of the inner loop",
+    0x2112: "KP of the outer loop",
+    0x607B: "position range limit",
+    0x607D: "software position limit",
+    0x6091: "gear ratio",
+    0x60C2: "interpolation period",
+}
+"""Names of the objects that have several entries; mapping objects are named by their index."""
+
 READINGS: dict[od.ObjectEntry, Callable[[Any], float]] = {
     od.VENDOR: lambda d: GOLD_TWITTER.vendor,
     od.PRODUCT: lambda d: GOLD_TWITTER.product,
     od.REVISION: lambda d: GOLD_TWITTER.revision,
+    od.ObjectEntry(0x1001, 0, "<B", False, "error register"): lambda d: error_register(
+        d["error_code"]
+    ),
     od.STO_STATUS: lambda d: 1 if d["sto"] else 0,
     od.ERROR_CODE: lambda d: d["error_code"],
     od.CONTROLWORD: lambda d: d["controlword"],
@@ -120,6 +178,31 @@ READINGS: dict[od.ObjectEntry, Callable[[Any], float]] = {
         | OperationMode.CYCLIC_SYNCHRONOUS_TORQUE.supported_bit
     ),
 }
+
+
+def error_register(code: int) -> int:
+    """Return object 0x1001 for an error code (CiA 301): the kind of error in one bit."""
+    if code == 0:
+        return 0
+    kinds = {0x2: 0x02, 0x3: 0x04, 0x4: 0x08}  # current, voltage, temperature
+    kind = kinds.get(code >> 12, 0)
+    if code >> 8 in (0x80, 0x81, 0x82):
+        kind = 0x10  # communication
+    elif code >> 12 == 0xF:
+        kind = 0x80  # of the maker
+    return 0x01 | kind
+
+
+def _counts(entries: Iterable[od.ObjectEntry]) -> dict[od.ObjectEntry, int]:
+    """Return the entries of subindex 0 that say how many others an object has."""
+    last: dict[int, int] = {}
+    for entry in entries:
+        last[entry.index] = max(entry.subindex, last.get(entry.index, 0))
+    return {
+        od.ObjectEntry(index, 0, "<B", False, "number of entries"): count
+        for index, count in last.items()
+        if count
+    }
 
 
 class SimulatedDrive:
@@ -151,9 +234,15 @@ class SimulatedDrive:
             od.INTERPOLATION_VALUE: round(interpolation * 1e3),
             od.INTERPOLATION_EXPONENT: -3,
         }
-        self._entries = {
-            (entry.index, entry.subindex): entry for entry in (*PARAMETERS, *READINGS, *self._plain)
+        self._texts = dict(TEXTS)
+        self._fixed = {
+            **FIXED,
+            od.ObjectEntry(0x1018, 4, "<I", False, "serial number"): position + 1,  # assumed
+            od.ObjectEntry(0x1023, 2, "<B", False, "status"): 1,  # done, there is a reply
         }
+        values = (*PARAMETERS, *READINGS, *self._plain, *self._texts, *self._fixed)
+        self._fixed |= _counts(values)
+        self._entries = {(entry.index, entry.subindex): entry for entry in (*values, *self._fixed)}
         d = self.record
         d["al_status"] = AlState.PREOP
         d["watchdog"] = WATCHDOG
@@ -182,6 +271,20 @@ class SimulatedDrive:
 
     # -- mailbox
 
+    @cached_property
+    def dictionary(self) -> dict[int, dict[int, od.ObjectEntry]]:
+        """All entries by index and subindex, in order."""
+        slots = [od.RX_COUNT, *od.mapping_slots(od.RX_COUNT)]
+        slots += [od.TX_COUNT, *od.mapping_slots(od.TX_COUNT)]
+        for index in MAPPINGS:
+            slots += [od.mapped_count(index), *od.mapped_slots(index, 8)]
+        found: dict[int, dict[int, od.ObjectEntry]] = {}
+        for entry in sorted(
+            (*self._entries.values(), *slots), key=lambda entry: (entry.index, entry.subindex)
+        ):
+            found.setdefault(entry.index, {})[entry.subindex] = entry
+        return found
+
     def sdo_read(self, index: int, subindex: int) -> bytes:
         """Value of an object; raises SdoAbort."""
         if index in self._slots and subindex <= len(self._slots[index]):
@@ -197,6 +300,10 @@ class SimulatedDrive:
             return entry.pack(value if "f" in entry.format else round(value))
         if entry in READINGS:
             return entry.pack(READINGS[entry](self.record))
+        if entry in self._texts:
+            return self._texts[entry]
+        if entry in self._fixed:
+            return entry.pack(self._fixed[entry])
         return entry.pack(self._plain[entry])
 
     def sdo_write(self, index: int, subindex: int, data: bytes) -> None:
@@ -207,6 +314,11 @@ class SimulatedDrive:
         entry = self._entry(index, subindex)
         if not entry.writable:
             raise self._abort(READ_ONLY, index, subindex)
+        if entry in self._texts:
+            if len(data) > LONGEST_COMMAND:
+                raise self._abort(TOO_LONG, index, subindex)
+            self._texts[entry], self._texts[OS_REPLY] = bytes(data), bytes(data) + b";"
+            return
         try:
             value = entry.unpack(data)
         except struct.error:
@@ -270,11 +382,11 @@ class SimulatedDrive:
         now = AlState(int(d["al_status"]) & 0x0F)
         d["al_status_code"] = 0
         if wanted > now and wanted is not AlState(now * 2 if now > 1 else 2):
-            self._refuse_state(now, INVALID_CHANGE)
+            self.refuse_state(INVALID_CHANGE)
         elif wanted is AlState.SAFEOP and not self._maps(od.RX_COUNT, RX_ASSIGNMENT):
-            self._refuse_state(now, INVALID_OUTPUTS)
+            self.refuse_state(INVALID_OUTPUTS)
         elif wanted is AlState.SAFEOP and not self._maps(od.TX_COUNT, TX_ASSIGNMENT):
-            self._refuse_state(now, INVALID_INPUTS)
+            self.refuse_state(INVALID_INPUTS)
         else:
             d["al_status"] = wanted
             d["watchdog_left"] = d["watchdog"]
@@ -288,8 +400,9 @@ class SimulatedDrive:
             self._assigned[index] == mapped(index) for index in assignment
         )
 
-    def _refuse_state(self, now: AlState, code: int) -> None:
-        self.record["al_status"] = now | AL_ERROR
+    def refuse_state(self, code: int) -> None:
+        """Stay in the AL state and leave an error with its code."""
+        self.record["al_status"] = int(self.record["al_status"]) & 0x0F | AL_ERROR
         self.record["al_status_code"] = code
 
     # -- faults

@@ -303,6 +303,13 @@ def _write_inputs(d: Any, frame: Any) -> None:
 
 
 @njit(cache=True)
+def _take_outputs(d: Any, frame: Any, next_state: Any, commands: Any) -> None:
+    d.watchdog_left = d.watchdog
+    _read_outputs(d, frame)
+    _obey(d, frame.controlword, next_state, commands)
+
+
+@njit(cache=True)
 def process_frame(drives: Any, outputs: Any, inputs: Any, next_state: Any, commands: Any) -> int:
     """Pass a frame through all drives: each puts its inputs in, then takes its outputs.
 
@@ -324,11 +331,46 @@ def process_frame(drives: Any, outputs: Any, inputs: Any, next_state: Any, comma
         _write_inputs(d, inputs[i])
         counter += 1
         if d.al_status == _OP:
-            d.watchdog_left = d.watchdog
-            _read_outputs(d, outputs[i])
-            _obey(d, outputs[i].controlword, next_state, commands)
+            _take_outputs(d, outputs[i], next_state, commands)
             counter += 2
     return counter
+
+
+@njit(cache=True)
+def put_inputs(drives: Any, inputs: Any) -> int:
+    """Put in what `process_frame` puts in, for a bus that brings outputs apart from it.
+
+    Args:
+        drives: records of `DRIVE`.
+        inputs: process image, records of `pdo.TX`, written.
+
+    Returns:
+        Number of drives that have an emergency message waiting.
+    """
+    waiting = 0
+    for i in range(len(drives)):
+        d = drives[i]
+        waiting += d.emergency != 0
+        if not d.silent and d.al_status & 0x0F >= _SAFEOP:
+            _write_inputs(d, inputs[i])
+    return waiting
+
+
+@njit(cache=True)
+def take_outputs(drives: Any, outputs: Any, reached: Any, next_state: Any, commands: Any) -> None:
+    """Take outputs as `process_frame` does in the drives that they reached.
+
+    Args:
+        drives: records of `DRIVE`.
+        outputs: process image, records of `pdo.RX`.
+        reached: (n,) 1 for a drive whose outputs have come.
+        next_state: `cia402.NEXT_STATE`.
+        commands: `cia402.COMMAND_OF_CONTROLWORD`.
+    """
+    for i in range(len(drives)):
+        d = drives[i]
+        if reached[i] and not d.silent and d.al_status == _OP:
+            _take_outputs(d, outputs[i], next_state, commands)
 
 
 @njit(cache=True)

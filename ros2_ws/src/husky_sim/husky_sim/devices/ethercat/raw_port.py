@@ -1,0 +1,94 @@
+"""A network interface at the slaves' end of the cable: EtherCAT frames by a raw socket of Linux."""
+
+from __future__ import annotations
+
+import errno
+import os
+import select
+import socket
+import threading
+from collections.abc import Callable
+
+from husky_sim.devices.ethercat.frames import ETHERTYPE
+
+SHORTEST = 60
+"""Bytes of the shortest Ethernet frame, without its checksum."""
+_LONGEST = 2048
+_PACKET_OUTGOING = 4
+
+
+class RawPort:
+    """Hands every frame that comes in to a callback, in a thread of its own."""
+
+    def __init__(self, interface: str, on_frame: Callable[[bytearray], bool]):
+        """Open an interface.
+
+        Args:
+            interface: its name.
+            on_frame: gets each frame, from the Ethernet header on, and may change it in place;
+                returns whether it goes back now.
+
+        Raises:
+            OSError: it cannot be opened; the text says which and why. PermissionError is one.
+        """
+        self._interface, self._on_frame = interface, on_frame
+        try:
+            self._socket = socket.socket(socket.AF_PACKET, socket.SOCK_RAW, socket.htons(ETHERTYPE))
+            try:
+                self._socket.bind((interface, ETHERTYPE))
+            except OSError:
+                self._socket.close()
+                raise
+        except PermissionError as error:
+            raise PermissionError(
+                error.errno,
+                f"EtherCAT frames on {interface} need the capability CAP_NET_RAW: run as root, in "
+                "`unshare -Urn`, or give it to the interpreter with "
+                "`sudo setcap cap_net_raw+ep` and its path",
+            ) from None
+        except OSError as error:
+            missing = error.errno == errno.ENODEV
+            reason = "there is no such network interface" if missing else error.strerror
+            raise OSError(
+                error.errno, f"cannot open network interface {interface}: {reason}"
+            ) from None
+        self._wake = os.eventfd(0)
+        self._thread = threading.Thread(
+            target=self._receive, name=f"EtherCAT on {interface}", daemon=True
+        )
+        self._thread.start()
+
+    def send(self, frame: bytes | bytearray) -> None:
+        """Send a frame, padded to the least length; one that cannot be sent is lost."""
+        try:
+            self._socket.send(frame if len(frame) >= SHORTEST else frame.ljust(SHORTEST, b"\0"))
+        except OSError as error:
+            if error.errno not in (errno.ENETDOWN, errno.ENOBUFS, errno.ENXIO):
+                raise
+
+    def close(self) -> None:
+        """Stop the thread and close the socket."""
+        os.eventfd_write(self._wake, 1)
+        self._thread.join()
+        self._socket.close()
+        os.close(self._wake)
+
+    def _receive(self) -> None:
+        ready = select.poll()
+        ready.register(self._socket, select.POLLIN)
+        ready.register(self._wake, select.POLLIN)
+        buffer = bytearray(_LONGEST)
+        while True:
+            if any(descriptor == self._wake for descriptor, _ in ready.poll()):
+                return
+            try:
+                length, source = self._socket.recvfrom_into(buffer)
+            except OSError as error:
+                if error.errno == errno.ENETDOWN:  # told once; the interface may come back
+                    continue
+                raise
+            if source[2] == _PACKET_OUTGOING:
+                continue
+            frame = buffer[:length]
+            if self._on_frame(frame):
+                self.send(frame)
