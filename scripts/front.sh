@@ -54,6 +54,15 @@ other_discovery() {
     done
 }
 
+# With `--bus soem` the nodes need an EtherCAT wire: the script starts again in a network that has one.
+on_wire() { # arguments of the script
+    case " $* " in
+        *" --bus soem "* | *" --bus=soem "*)
+            grep -q '^ *ecat0:' /proc/net/dev || exec "$root/scripts/wire.sh" "$0" "$@"
+            ;;
+    esac
+}
+
 in_turn "$root/scripts/setup.sh" --if-needed >&2 # the output is that of the program alone
 other_discovery
 . "$root/scripts/env.sh"

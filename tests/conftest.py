@@ -10,7 +10,8 @@ from typing import Any
 import pytest
 
 _HERE = Path(__file__).resolve().parent
-sys.path[:0] = [str(_HERE), str(_HERE.parent / "ros2_ws/src/husky_pu/test")]
+_SOURCES = _HERE.parent / "ros2_ws/src"
+sys.path[:0] = [str(_HERE), *(str(_SOURCES / name / "test") for name in ("husky_pu", "husky_sim"))]
 pytest.register_assert_rewrite("node_faults")
 
 _PLACES = {

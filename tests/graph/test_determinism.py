@@ -6,6 +6,8 @@ import time
 from pathlib import Path
 
 import pytest
+from own_network import own_network
+from seen_robot import SETTINGS
 
 from husky_experiments.scripts import push, walk
 from husky_runtime import graph
@@ -18,6 +20,7 @@ ROOT = Path(__file__).resolve().parents[2]
 STEPS = 20
 TICKS = 10
 """Of each step."""
+WIRED = {**SETTINGS[graph.PLANT], "bus": "soem"}
 PATIENCE = 120.0
 """Wall time after which nobody refuses any more [s]."""
 
@@ -145,6 +148,15 @@ def test_second_start_in_the_domain(domain, digest, robot, tmp_path):
         assert f"{graph.LOW_LEVEL_CONTROLLER} (process" in line, f"{name}: {line}"
         assert "choose another domain with ROS_DOMAIN_ID" in line, name
     assert not (tmp_path / "out").exists()  # where results of the run that goes on may be
+
+
+def test_over_ethercat_frames(digest, new_graph):
+    """Frames on a wire, sent by SOEM and answered by `drive_segment`, change nothing."""
+    with own_network(), new_graph(**{**SETTINGS, graph.PLANT: WIRED}) as another:
+        assert first_script(another) == digest
+        report = another.reported(graph.DRIVE_SEGMENT, "answering")
+        frames = int(next(v.value for v in report.values if v.key == "frames"))
+        assert frames > another.session.truth.header.stamp.sec * 500, "not over the wire"
 
 
 @pytest.mark.slow  # in one process: `test_one_seed_gives_one_trajectory_to_the_bit`

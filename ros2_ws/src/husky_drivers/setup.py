@@ -21,5 +21,8 @@ setup(
             "t265_driver = husky_drivers.nodes.t265_driver:main",
             "vn200_driver = husky_drivers.nodes.vn200_driver:main",
         ],
+        "husky_drivers.bus": [
+            "soem = husky_drivers.ethercat.soem_bus:SoemBus",
+        ],
     },
 )

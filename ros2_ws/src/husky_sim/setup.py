@@ -16,6 +16,7 @@ setup(
     zip_safe=False,
     entry_points={
         "console_scripts": [
+            "drive_segment = husky_sim.nodes.drive_segment:main",
             "plant = husky_sim.nodes.plant:main",
         ],
         "husky_drivers.bus": [
@@ -23,6 +24,7 @@ setup(
         ],
         "husky_drivers.pacer": [
             "sim = husky_sim.nodes.drive_pacer:PlantPacer",
+            "soem = husky_sim.nodes.drive_pacer:FramePacer",
         ],
     },
 )

@@ -55,6 +55,7 @@ def add_robot_options(parser: argparse.ArgumentParser) -> None:
         help=f"which robot it is: {', '.join(ROBOTS)}, or the path of its file; {ROBOTS[0]} by "
         "default",
     )
+    add_bus_option(parser)
     parser.add_argument("--time", choices=TIMES, default="realtime", help="who sets the pace")
     add_set_option(
         parser, "e.g. plant.terrain=tiles, plant.body=robot_with_unit; may be given many times"
@@ -63,6 +64,16 @@ def add_robot_options(parser: argparse.ArgumentParser) -> None:
         "--remote", action="store_true", help="with the remote control of the propulsion unit"
     )
     parser.add_argument("--record", metavar="DIR", help="record a bag into this directory")
+
+
+def add_bus_option(parser: argparse.ArgumentParser) -> None:
+    """Declare which bus the drives have."""
+    parser.add_argument(
+        "--bus",
+        choices=graph.BUSES,
+        help=f"EtherCAT bus of the drives: {graph.BUSES[0]} inside a process, {graph.BUSES[1]} "
+        f"with frames on a network interface (default: {graph.BUSES[0]})",
+    )
 
 
 def robot_of(options: argparse.Namespace, *, console: bool = False) -> tuple[NodeSpec, ...]:
@@ -82,8 +93,10 @@ def robot_of(options: argparse.Namespace, *, console: bool = False) -> tuple[Nod
 
 
 def settings_of(options: argparse.Namespace) -> Settings:
-    """Return the parameters by node that `--set` and `--robot` give."""
+    """Return the parameters by node that `--set`, `--bus` and `--robot` give."""
     settings = collect(options.set)
+    if options.bus is not None:
+        settings.setdefault(graph.PLANT, {})["bus"] = options.bus
     if options.robot is not None:
         settings.setdefault(graph.PLANT, {})["robot"] = options.robot
     return settings

@@ -95,8 +95,9 @@ def simulated_robot(
     """Return every node of the robot in simulation.
 
     Which robot it is says the plant's parameter `robot`, one of `ROBOTS` or the path of a file;
-    what of it stands there its `body`, how its fans are mounted its `mounting`; the planner takes
-    part when the controller's parameter `planner` says so.
+    what of it stands there its `body`, which bus its drives have its `bus`, how its fans are
+    mounted its `mounting`; the planner takes part when the controller's parameter `planner` says
+    so.
 
     Args:
         time: one of `TIMES`.
@@ -112,7 +113,12 @@ def simulated_robot(
     settings = settings or {}
     plant = settings.get(graph.PLANT, {})
     body, robot = str(plant.get("body", "robot")), _whole(str(plant.get("robot", ROBOTS[0])))
-    for name, value, allowed in (("time", time, TIMES), ("body", body, graph.BODIES)):
+    bus = str(plant.get("bus", graph.BUSES[0]))
+    for name, value, allowed in (
+        ("time", time, TIMES),
+        ("body", body, graph.BODIES),
+        ("bus", bus, graph.BUSES),
+    ):
         if value not in allowed:
             raise ValueError(f"{name} is {value!r}, it must be one of {', '.join(allowed)}")
     if "robot" in plant:
@@ -126,6 +132,7 @@ def simulated_robot(
         body=body,
         robot=numbers,
         told=told,
+        bus=bus,
         mounted={"mounting": mounting} if mounting else {},
         planner=bool(controller.get("planner", False)),
         wakes=wakes,
@@ -172,6 +179,7 @@ class _Choice:
         body: what of it stands in the world.
         robot: its numbers.
         told: to every node that loads the robot.
+        bus: of its drives, one of `graph.BUSES`.
         mounted: to every node that must know how its fans are mounted.
         planner: whether the planner takes part.
         wakes: whether a velocity command sets a standing robot in motion.
@@ -181,6 +189,7 @@ class _Choice:
     body: str
     robot: Robot
     told: Mapping[str, ParameterValue]
+    bus: str
     mounted: Mapping[str, ParameterValue]
     planner: bool
     wakes: bool
@@ -190,11 +199,20 @@ def _with_drives(choice: _Choice) -> list[NodeSpec]:
     """Return the nodes of a robot as Husky Carbon is: legs, propulsion unit, or both."""
     specs: list[NodeSpec] = []
     if choice.body != "unit":
-        told = {"time": choice.time, "bus": "sim", **_patience(choice), **choice.told}
+        told = {"time": choice.time, "bus": choice.bus, **_patience(choice), **choice.told}
+        if choice.bus != graph.BUSES[0]:
+            segment = {"time": choice.time, **choice.told}
+            specs.append(NodeSpec("husky_sim", graph.DRIVE_SEGMENT, segment))
+            if choice.time == "realtime":
+                told["frame_timeout"] = _FRAME_TIMEOUT
         specs += _legs(choice, NodeSpec("husky_drivers", graph.DRIVE_BRIDGE, told))
     if choice.body != "robot":
         specs += _unit(choice)
     return specs
+
+
+_FRAME_TIMEOUT = 0.02
+"""Without a real-time kernel simulated drives answer late now and then [s]."""
 
 
 def _patience(choice: _Choice) -> dict[str, ParameterValue]:
@@ -206,13 +224,15 @@ def _with_servos(choice: _Choice) -> list[NodeSpec]:
     """Return the nodes of a robot as Husky-beta is; `robot_with_unit` is the one that flies.
 
     Raises:
-        ValueError: a body that it has not.
+        ValueError: a body or a bus that it has not.
     """
     if choice.body == "unit":
         raise ValueError(
             f"body is {choice.body!r}: of {choice.robot.name} there are robot, robot_with_unit: "
             "its propellers are at its knees"
         )
+    if choice.bus != graph.BUSES[0]:
+        raise ValueError(f"bus is {choice.bus!r}: {choice.robot.name} has servos, no drives")
     told: dict[str, ParameterValue] = {"time": choice.time, **_patience(choice), **choice.told}
     specs = _legs(choice, NodeSpec("husky_drivers", graph.SERVO_BRIDGE, told))
     return specs if choice.body == "robot" else [*specs, *_unit(choice)]

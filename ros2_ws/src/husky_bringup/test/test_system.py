@@ -102,6 +102,17 @@ def test_beta_has_a_servo_bridge_and_no_propulsion_unit():
         simulated_robot(settings={graph.PLANT: {"robot": "gamma"}})
 
 
+def test_drives_behind_frames_have_a_node_of_their_own():
+    for bus in graph.BUSES:
+        specs = {spec.name: spec for spec in simulated_robot(settings={graph.PLANT: {"bus": bus}})}
+        assert (graph.DRIVE_SEGMENT in specs) == (bus == "soem")
+        assert specs[graph.DRIVE_BRIDGE].parameters["bus"] == bus
+    with pytest.raises(ValueError, match="bus is 'can', it must be one of sim, soem"):
+        simulated_robot(settings={graph.PLANT: {"bus": "can"}})
+    with pytest.raises(ValueError, match="bus is 'soem': husky_beta has servos, no drives"):
+        simulated_robot(settings={graph.PLANT: {"bus": "soem", "robot": "beta"}})
+
+
 def test_every_robot_has_its_nodes():
     assert set(system._NODES) == {load_robot(name).actuation for name in ROBOTS}
 

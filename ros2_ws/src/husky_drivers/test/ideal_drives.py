@@ -8,7 +8,7 @@ import numpy as np
 from husky_description.robot import load_robot
 from husky_drivers.ethercat import objects as od
 from husky_drivers.ethercat.axes import settings_of
-from husky_drivers.ethercat.bus import GOLD_TWITTER, AlState, Emergency, SdoAbort
+from husky_drivers.ethercat.bus import GOLD_TWITTER, AlState, AlStatus, Emergency, SdoAbort
 from husky_drivers.ethercat.master import Master
 from husky_drivers.ethercat.pdo import MAPPINGS, mapped
 from husky_drivers.joint_master.phase import Phase
@@ -65,22 +65,26 @@ class IdealDrives:
     def open(self):
         self.opened = True
 
-    def close(self):
+    def close(self, outputs=b""):
+        self.exchange(outputs)
         self.opened = False
 
     def identity(self, position):
         return GOLD_TWITTER
 
-    def request_state(self, state, position=None):
-        for i in range(12) if position is None else (position,):
-            if i not in self.away:
-                self.al[i] = int(state)
+    def bring_to(self, state):
+        for i in range(12):
+            self.request_state(state, i)
 
-    def al_status(self, position):
-        return 0 if position in self.away else self.al[position]
+    def request_state(self, state, position):
+        if position not in self.away:
+            self.al[position] = int(state)
 
-    def al_status_code(self, position):
-        return 0x001B if self.al[position] & 0x10 else 0
+    def al_states(self):
+        return [
+            AlStatus(0, 0) if i in self.away else AlStatus(al, 0x001B if al & 0x10 else 0)
+            for i, al in enumerate(self.al)
+        ]
 
     def set_watchdog(self, position, seconds):
         self.watchdogs[position] = seconds

@@ -92,8 +92,8 @@ def test_settings_are_checked(name, value):
 def test_gains_are_checked_and_written_while_running(enabled):
     for kp, kd in ((-1.0, 4.0), (math.inf, 4.0), (300.0, 0.0), (300.0, math.nan)):
         with pytest.raises(ValueError, match=r"k[pd] is"):
-            enabled.master.set_gains(kp, kd)
-    enabled.master.set_gains(200.0, 5.0)
+            enabled.master.set_gains(kp, kd).result()
+    enabled.master.set_gains(200.0, 5.0).result()
     assert struct.unpack("<f", enabled.bus.objects[11, 0x2112, 1])[0] == pytest.approx(40.0)
 
 

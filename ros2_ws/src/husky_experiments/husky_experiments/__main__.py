@@ -8,6 +8,7 @@ import os
 import sys
 from pathlib import Path
 
+from husky_bringup.bringup import add_bus_option
 from husky_bringup.front import end_by_signals
 from husky_bringup.settings import HelpFormatter, add_set_option, collect
 from husky_experiments import catalogue as experiments
@@ -51,6 +52,7 @@ def main(arguments: list[str]) -> int:
         metavar="HZ",
         help="eigenfrequency of the frame, 10 to 40, 0 for stiff (default: the robot's file)",
     )
+    add_bus_option(parser)
     add_set_option(parser, "after the experiment's own parameters; may be given many times")
     experiment.add_options(parser)
     options = parser.parse_args(arguments[1:])

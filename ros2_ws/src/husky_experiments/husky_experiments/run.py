@@ -32,6 +32,7 @@ _GRACE = 10.0
 _WAITING = (
     graph.PLANT,
     *graph.JOINT_BRIDGES,
+    graph.DRIVE_SEGMENT,
     graph.LOW_LEVEL_CONTROLLER,
     graph.FLIGHT_CONTROLLER,
     graph.PIXHAWK_BRIDGE,
@@ -132,6 +133,8 @@ class Run:
         plant = chosen.setdefault(graph.PLANT, {})
         if self.options.compliance is not None:
             plant["frame_frequency"] = float(self.options.compliance)
+        if self.options.bus is not None:
+            plant["bus"] = self.options.bus
         self._robot = str(plant.get("robot", ROBOTS[0]))
         plant["save_scene"] = str((directory / SCENE_FILE).resolve())
         try:

@@ -18,6 +18,8 @@ CLOCK_LAG_NS = 50_000_000
 # Topics
 SERVO_STATE = "plant/servo_state"
 SERVO_COMMAND = "plant/servo_command"
+CYCLE_END = "plant/cycle_end"
+"""Only where drives are behind EtherCAT frames: the bridge to the segment, husky_msgs/CycleEnd."""
 JOINT_STATES = "joint_states"
 JOINT_COMMAND = "joint_command"
 DRIVES_STATUS = "drives/status"
@@ -73,6 +75,7 @@ PLAN_INCLINE = "planner/plan_incline"
 # Nodes
 PLANT = "plant"
 DRIVE_BRIDGE = "drive_bridge"
+DRIVE_SEGMENT = "drive_segment"
 SERVO_BRIDGE = "servo_bridge"
 VN200_DRIVER = "vn200_driver"
 LOW_LEVEL_CONTROLLER = "low_level_controller"
@@ -89,6 +92,7 @@ CONSOLE = "console"
 NODES = (
     PLANT,
     DRIVE_BRIDGE,
+    DRIVE_SEGMENT,
     SERVO_BRIDGE,
     VN200_DRIVER,
     LOW_LEVEL_CONTROLLER,
@@ -102,6 +106,12 @@ NODES = (
 
 JOINT_BRIDGES = (DRIVE_BRIDGE, SERVO_BRIDGE)
 """Who speaks to the joints: one of them, as the robot has drives or servos on a bus."""
+
+BUSES = ("sim", "soem")
+"""Buses of simulated drives: in the process of `drive_bridge`, or EtherCAT frames on a network
+interface, which `drive_segment` answers."""
+DRIVE_SIDES = (DRIVE_BRIDGE, DRIVE_SEGMENT)
+"""Who speaks for the power stages of the drives, by their bus."""
 
 # What stands in the world
 BODIES = ("robot", "robot_with_unit", "unit")
@@ -143,7 +153,7 @@ class Topic:
 
 TOPICS = (
     Topic(SERVO_STATE, "husky_msgs/msg/ServoState", (PLANT,), "CONTROL", 500.0),
-    Topic(SERVO_COMMAND, "husky_msgs/msg/ServoCommand", (DRIVE_BRIDGE,), "CONTROL", 500.0),
+    Topic(SERVO_COMMAND, "husky_msgs/msg/ServoCommand", DRIVE_SIDES, "CONTROL", 500.0),
     Topic(JOINT_STATES, "sensor_msgs/msg/JointState", JOINT_BRIDGES, "CONTROL", 500.0),
     Topic(JOINT_COMMAND, "husky_msgs/msg/JointCommand", (LOW_LEVEL_CONTROLLER,), "CONTROL", 500.0),
     Topic(DRIVES_STATUS, "husky_msgs/msg/DriveStatusArray", JOINT_BRIDGES, "STATUS", 10.0),

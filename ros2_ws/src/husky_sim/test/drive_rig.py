@@ -24,7 +24,7 @@ class Rig:
     """A segment at OP and one drive of it under test; the others get the same frames."""
 
     def __init__(self, **written: int):
-        self.segment = SimulatedSegment(ROBOT, TICK)
+        self.segment = SimulatedSegment(ROBOT, tick=TICK)
         self.segment.open()
         self.volts = 22.2
         self.motion = (0, 0, 0.0)  # counts, counts/s, A
@@ -36,8 +36,8 @@ class Rig:
                 code = "<h" if index.startswith("x605") or index == "x6007" else "<I"
                 code = "<H" if index == "x6066" else code
                 self.write(i, int(index[1:], 16), 0, code, value)
-        self.segment.request_state(AlState.SAFEOP)
-        self.segment.request_state(AlState.OP)
+        self.segment.bring_to(AlState.SAFEOP)
+        self.segment.bring_to(AlState.OP)
         for _ in range(12):
             self.tick()
             self.frame(0, mode=0)

@@ -121,8 +121,8 @@ def test_mappings_of_others_are_replaced(count, saved, words):
     segment, changes = set_up({count: saved})
     (change,) = changes
     assert change.startswith(f"{NAME}: ") and words in change
-    segment.request_state(AlState.OP)
-    assert segment.al_status(AXIS) == AlState.OP
+    segment.bring_to(AlState.OP)
+    assert segment.al_states()[AXIS].status == AlState.OP
 
 
 def test_a_drive_that_nobody_has_set_up_tells_the_same_of_all():

@@ -112,13 +112,13 @@ def test_watchdog_removes_torque_after_100_ms():
     assert rig.state is DriveState.OPERATION_ENABLED
     assert rig.tick()["kind"] == 0
     assert rig.state is DriveState.SWITCH_ON_DISABLED
-    assert rig.segment.al_status(AXIS) == 0x14
-    assert rig.segment.al_status_code(AXIS) == 0x001B
+    assert rig.segment.al_states()[AXIS].status == 0x14
+    assert rig.segment.al_states()[AXIS].code == 0x001B
     rig.frame(0x0F)
     assert rig.counter == 12  # inputs only
     assert rig.state is DriveState.SWITCH_ON_DISABLED
-    rig.segment.request_state(AlState.SAFEOP)
-    rig.segment.request_state(AlState.OP)
+    rig.segment.bring_to(AlState.SAFEOP)
+    rig.segment.bring_to(AlState.OP)
     rig.frame(0x00)
     assert rig.counter == 36
 
@@ -157,7 +157,7 @@ def test_abort_connection_option(option, state):
 def test_leaving_op_removes_torque():
     rig = Rig()
     rig.enable()
-    rig.segment.request_state(AlState.SAFEOP)
+    rig.segment.bring_to(AlState.SAFEOP)
     assert rig.command["kind"] == 0
 
 
@@ -209,6 +209,6 @@ def test_a_silent_drive_misses_from_the_counter_and_stops_by_itself():
     assert rig.command["kind"] == 1
     rig.step(0x0F)
     assert rig.command["kind"] == 0
-    assert rig.segment.al_status(AXIS) == 0
+    assert rig.segment.al_states()[AXIS].status == 0
     with pytest.raises(SdoAbort, match="timed out"):
         rig.read(0x6041, "<H")

@@ -70,11 +70,11 @@ def test_safeop_needs_the_mappings_and_op_needs_safeop():
     segment = SimulatedSegment(ROBOT)
     segment.open()
     segment.request_state(AlState.SAFEOP, 0)
-    assert (segment.al_status(0), segment.al_status_code(0)) == (0x12, 0x001D)
+    assert segment.al_states()[0] == (0x12, 0x001D)
     segment.request_state(AlState.OP, 1)
-    assert (segment.al_status(1), segment.al_status_code(1)) == (0x12, 0x0011)
+    assert segment.al_states()[1] == (0x12, 0x0011)
     segment.request_state(AlState.PREOP, 1)
-    assert (segment.al_status(1), segment.al_status_code(1)) == (0x02, 0)
+    assert segment.al_states()[1] == (0x02, 0)
     assert segment.exchange(bytes(216))[1] == 0
 
 
@@ -83,8 +83,8 @@ def test_safeop_needs_the_mappings_and_op_needs_safeop():
 def test_garbage_on_the_wire_never_raises_and_nothing_is_enabled_out_of_turn(frames):
     rig = GARBAGE
     rig.step(0x00)
-    rig.segment.request_state(AlState.SAFEOP)
-    rig.segment.request_state(AlState.OP)
+    rig.segment.bring_to(AlState.SAFEOP)
+    rig.segment.bring_to(AlState.OP)
     before = rig.segment.states()
     for data in frames:
         rig.tick()

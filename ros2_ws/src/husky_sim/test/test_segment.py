@@ -33,7 +33,7 @@ class Joints:
         self.gravity = gravity
         self.position, self.velocity = STAND.copy(), np.zeros(12)
         self.servos = Servos(ROBOT, seed=seed)
-        self.segment = SimulatedSegment(ROBOT, TICK)
+        self.segment = SimulatedSegment(ROBOT, tick=TICK)
         self.bus: Bus = self.segment
         self.master = Master(self.bus, settings_of(ROBOT, **overrides), ROBOT)
         self.master.configure()
@@ -108,7 +108,7 @@ def test_a_load_is_held_with_the_droop_of_the_position_gain(joints):
 
 
 def test_gains_can_be_changed_while_standing(joints):
-    joints.master.set_gains(150.0, 4.0)
+    joints.master.set_gains(150.0, 4.0).result()
     joints.tick(400)
     droop = STAND - joints.position
     assert droop == pytest.approx(np.full(12, GRAVITY / 150.0), abs=4e-4)
@@ -188,7 +188,7 @@ def test_master_stalls(joints):
         joints.pass_time()
     assert joints.segment.states() == [DriveState.FAULT] * 12
     assert not joints.segment.servo_command()["kind"].any()
-    assert joints.segment.al_status_code(0) == 0x001B
+    assert joints.segment.al_states()[0].code == 0x001B
 
 
 @pytest.mark.parametrize(

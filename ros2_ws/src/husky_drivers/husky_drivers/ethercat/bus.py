@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from importlib.metadata import entry_points
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 GROUP = "husky_drivers.bus"
 """Entry-point group of bus factories."""
@@ -26,17 +26,54 @@ class AlState(IntEnum):
     OP = 8
 
 
+_AL_STATE_NAMES = {0: "no state", 3: "BOOT", **{int(state): state.name for state in AlState}}
 AL_ERROR = 0x10
 """Bit of the AL status that says the slave left a state by itself; it also acknowledges."""
 
 AL_STATUS_CODES: dict[int, str] = {
     0x0000: "no error",
+    0x0001: "unspecified error",
     0x0011: "invalid requested state change",
+    0x0012: "unknown requested state",
+    0x0013: "BOOT not supported",
+    0x0016: "invalid mailbox configuration",
+    0x0017: "invalid sync manager configuration",
+    0x0018: "no valid inputs available",
+    0x0019: "no valid outputs",
+    0x001A: "synchronisation error",
     0x001B: "process data watchdog",
     0x001D: "invalid output configuration",
     0x001E: "invalid input configuration",
+    0x0024: "invalid input mapping",
+    0x0025: "invalid output mapping",
+    0x002C: "fatal SYNC error",
+    0x002D: "no SYNC signal",
+    0x0030: "invalid DC SYNC configuration",
 }
-"""Meanings of register 0x0134."""
+"""Meanings of register 0x0134 (ETG.1000.6)."""
+
+
+class AlStatus(NamedTuple):
+    """Registers 0x0130 and 0x0134 of a slave.
+
+    Attributes:
+        status: an `AlState`, with `AL_ERROR` when the slave fell there by itself; 0 for a slave
+            that does not answer.
+        code: says why it fell there, one of `AL_STATUS_CODES`.
+    """
+
+    status: int
+    code: int
+
+    @property
+    def state(self) -> str:
+        """Name of the state."""
+        return _AL_STATE_NAMES.get(self.status & ~AL_ERROR, f"AL status 0x{self.status:02X}")
+
+    @property
+    def reason(self) -> str:
+        """Meaning of the code."""
+        return AL_STATUS_CODES.get(self.code, f"AL status code 0x{self.code:04X}")
 
 
 @dataclass(frozen=True)
@@ -60,10 +97,12 @@ class Emergency:
     error_code: int
 
 
+TIMED_OUT = 0x05040000
+"""Abort code of a slave that does not answer."""
 NO_OBJECT, NO_SUBINDEX = 0x06020000, 0x06090011
 """Abort codes of an entry that a slave does not have."""
 SDO_ABORT_CODES: dict[int, str] = {
-    0x05040000: "timed out",
+    TIMED_OUT: "timed out",
     0x06010001: "write-only object",
     0x06010002: "read-only object",
     NO_OBJECT: "no such object",
@@ -88,6 +127,21 @@ class SdoAbort(Exception):
         )
 
 
+@dataclass(frozen=True)
+class BusOptions:
+    """Options of a bus on a network interface; a bus inside the process has no use for them.
+
+    Attributes:
+        interface: name of the network interface.
+        patience: time after which a frame counts as lost [s].
+        cycle: time between two exchanges, the period of SYNC0 [s].
+    """
+
+    interface: str = "ecat0"
+    patience: float = 0.002
+    cycle: float = 0.002
+
+
 class Bus(Protocol):
     """An EtherCAT segment as its master sees it; slaves are numbered from 0 along the wire."""
 
@@ -102,20 +156,28 @@ class Bus(Protocol):
     def open(self) -> None:
         """Find the slaves and bring them to PREOP; raises OSError when there is no segment."""
 
-    def close(self) -> None:
-        """Bring the slaves to INIT and let go of the segment."""
+    def close(self, outputs: bytes | bytearray | memoryview = b"") -> None:
+        """Send last outputs, bring the slaves to INIT and let go of the segment; wait for nothing.
+
+        Args:
+            outputs: of all slaves, none by default.
+        """
 
     def identity(self, position: int) -> Identity:
         """Who the slave is."""
 
-    def request_state(self, state: AlState, position: int | None = None) -> None:
-        """Ask one slave, or all, for a state; an error that stands is acknowledged."""
+    def bring_to(self, state: AlState) -> None:
+        """Bring all slaves to a state; return when they are there, or after a time-out.
 
-    def al_status(self, position: int) -> int:
-        """The slave's AL status: an `AlState`, with `AL_ERROR` when it fell there by itself."""
+        SAFEOP sets up the process data as the slaves map it. On the way to OP frames with outputs
+        that are all zero go round. May block for seconds on a real segment.
+        """
 
-    def al_status_code(self, position: int) -> int:
-        """Why it fell there, one of `AL_STATUS_CODES`."""
+    def request_state(self, state: AlState, position: int) -> None:
+        """Ask one slave for a state, and acknowledge an error that stands; do not wait for it."""
+
+    def al_states(self) -> Sequence[AlStatus]:
+        """Read the AL status of every slave."""
 
     def set_watchdog(self, position: int, seconds: float) -> None:
         """Set the slave's process data watchdog (registers 0x0400 and 0x0420)."""
@@ -145,7 +207,7 @@ def available_buses() -> tuple[str, ...]:
 def find_bus(name: str) -> Callable[..., Bus]:
     """Return the bus factory registered under a name.
 
-    It is called with the robot (`husky_description.robot.Robot`) and the bus's own options.
+    It is called with the robot (`husky_description.robot.Robot`) and `BusOptions`.
 
     Raises:
         LookupError: when there is none of that name; lists those there are.

@@ -13,8 +13,6 @@ from collections.abc import Iterator, Sequence
 from husky_drivers.ethercat import objects as od
 from husky_drivers.ethercat.axes import AxisSettings
 from husky_drivers.ethercat.bus import (
-    AL_ERROR,
-    AL_STATUS_CODES,
     GOLD_TWITTER,
     NO_OBJECT,
     NO_SUBINDEX,
@@ -131,7 +129,7 @@ def commission(bus: Bus, settings: AxisSettings) -> list[SettingChange]:
         except (SdoAbort, DriveError) as error:
             raise DriveError(f"{name}: {error}") from error
         bus.set_watchdog(axis, settings.process_data_watchdog)
-    bus.request_state(AlState.SAFEOP)
+    bus.bring_to(AlState.SAFEOP)
     check_al_states(bus, settings, AlState.SAFEOP)
     return changes
 
@@ -227,17 +225,9 @@ def read_mode(bus: Bus, axis: int) -> int:
 
 def check_al_states(bus: Bus, settings: AxisSettings, wanted: AlState) -> None:
     """Raise DriveError when a slave is not in a state."""
-    for axis, name in enumerate(settings.joint_names):
-        status = bus.al_status(axis)
-        if status != wanted:
-            now = AlState(status & ~AL_ERROR).name if status else "no state"
-            why = describe_code(bus.al_status_code(axis))
-            raise DriveError(f"{name}: in {now} instead of {wanted.name} ({why})")
-
-
-def describe_code(code: int) -> str:
-    """What an AL status code means."""
-    return AL_STATUS_CODES.get(code, f"AL status code 0x{code:04X}")
+    for name, al in zip(settings.joint_names, bus.al_states(), strict=True):
+        if al.status != wanted:
+            raise DriveError(f"{name}: in {al.state} instead of {wanted.name} ({al.reason})")
 
 
 def _write_all(

@@ -1,11 +1,13 @@
 """EtherCAT master of the axes: enables, commands, watches and stops them, one exchange a tick.
 
-`exchange` sends one frame and moves the phase machine (`phases`) by one tick. Nothing in it blocks
-or reads a clock. A frame that not all drives took part in is not believed (working counter).
+`exchange` sends one frame and moves the phase machine (`phases`) by one tick. Nothing in it reads a
+clock, and nothing waits but for the frame: what is asked of the mailboxes meanwhile is collected
+when it has come. A frame that not all drives took part in is not believed (working counter).
 """
 
 from __future__ import annotations
 
+from concurrent.futures import Executor, Future
 from typing import Any
 
 import numpy as np
@@ -26,8 +28,23 @@ from husky_drivers.joint_master.setting_changes import describe_changes
 
 _CSP = OperationMode.CYCLIC_SYNCHRONOUS_POSITION
 _CSV = OperationMode.CYCLIC_SYNCHRONOUS_VELOCITY
+_NOBODY = -1
+"""Stands for the axis of a reading that counts no more."""
 _REMEMBERED = 64
 """Last commands that are kept: a stop takes the velocity of the body from them."""
+
+
+class AtOnce(Executor):
+    """Runs what it is given before it returns."""
+
+    def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Return what has come of it."""
+        future: Future[Any] = Future()
+        try:
+            future.set_result(fn(*args, **kwargs))
+        except Exception as error:
+            future.set_exception(error)
+        return future
 
 
 class Master(CommandedMaster):
@@ -46,9 +63,21 @@ class Master(CommandedMaster):
     settings: AxisSettings
     _phases: DrivePhases
 
-    def __init__(self, bus: Bus, settings: AxisSettings, robot: Robot):
-        """Take a bus that is not open yet; the robot is the one that the axes carry."""
+    def __init__(
+        self, bus: Bus, settings: AxisSettings, robot: Robot, mailbox: Executor | None = None
+    ):
+        """Take a bus that is not open yet.
+
+        Args:
+            bus: of the drives.
+            settings: numbers of the axes.
+            robot: that the axes carry.
+            mailbox: runs what speaks to mailboxes while frames go round; by default at once, for a
+                bus whose mailboxes take no time.
+        """
         self._bus = bus
+        self._mailbox = AtOnce() if mailbox is None else mailbox
+        self._reading: tuple[int, Future[int]] | None = None  # the axis whose mode is being read
         self._data = ProcessData(settings)
         phases = DrivePhases(settings, self._describe, self._why_incomplete)
         super().__init__(settings, phases, self._data)
@@ -83,34 +112,50 @@ class Master(CommandedMaster):
 
     def start(self) -> None:
         """Bring all drives to OP; raises DriveError when one does not come."""
-        self._bus.request_state(AlState.OP)
-        for _ in range(self.settings.transition_timeout_ticks):
-            if self.exchange():
-                break
+        self._bus.bring_to(AlState.OP)
         check_al_states(self._bus, self.settings, AlState.OP)
-        self.short_cycles = 0
 
     def stop(self) -> None:
         """Remove torque and close the bus."""
         self._phases.enter(Phase.OFF, "stopped")
         self._write_outputs()
-        self._bus.exchange(self._data.outputs.data)
-        self._bus.close()
+        self._bus.close(self._data.outputs.data)
+        self._reading = None
 
-    def set_gains(self, kp: float, kd: float) -> None:
+    def set_gains(self, kp: float, kd: float) -> Future[None]:
         """Write the gains of all drives, also while they run [N m/rad, N m s/rad].
 
-        Raises:
-            ValueError: when a gain is out of its range; nothing is written.
-            DriveError: when a drive refuses.
+        Returns:
+            Is done when they are written; has DriveError when a drive refuses, and ValueError when
+            a gain is out of its range and nothing is written.
         """
-        write_gains(self._bus, self.settings, kp, kd)
+        return self._mailbox.submit(write_gains, self._bus, self.settings, kp, kd)
 
     def poll_mailbox(self) -> None:
-        """Read the mode display of the next axis; call now and then, where blocking is fine."""
-        axis = self._next_poll
-        self._next_poll = (axis + 1) % len(self.mode_display)
-        self.mode_display[axis] = read_mode(self._bus, axis)
+        """Read the mode display of the next axis; call now and then.
+
+        A drive whose fault has no code yet comes first: its emergency message may be waiting.
+        """
+        unexplained = np.flatnonzero((self.states == DriveState.FAULT) & (self.error_code == 0))
+        axis = int(unexplained[0]) if unexplained.size else self._next_poll
+        if self._collect_mode(axis) is not None:
+            self._next_poll = (axis + 1) % len(self.mode_display)
+
+    def _collect_mode(self, axis: int) -> int | None:
+        """Return the axis whose mode display has been read, of late or now; None for none.
+
+        Args:
+            axis: is read next, unless another one's display is still awaited.
+        """
+        if self._reading is None:
+            self._reading = axis, self._mailbox.submit(read_mode, self._bus, axis)
+        asked, reading = self._reading
+        if not reading.done():
+            return None
+        self._reading = None
+        if asked != _NOBODY:
+            self.mode_display[asked] = reading.result()
+        return asked
 
     # -- requests: do not block
 
@@ -145,8 +190,7 @@ class Master(CommandedMaster):
             body_velocity = self.settling.velocity_of(self.remembered, settings.tick)
             driven = self.states == DriveState.OPERATION_ENABLED
             if self._short_in_a_row:  # what a drive told last may be no longer true
-                in_operation = [self._bus.al_status(i) == AlState.OP for i in range(len(driven))]
-                driven &= in_operation
+                driven &= [al.status == AlState.OP for al in self._bus.al_states()]
             self.settling.begin(self._target, body_velocity, driven)
         self._phases.enter(Phase.SETTLING, reason)
 
@@ -158,11 +202,13 @@ class Master(CommandedMaster):
     def _begin_mode(self) -> None:
         super()._begin_mode()
         self._modes_read = 0
+        if self._reading is not None:
+            self._reading = _NOBODY, self._reading[1]  # it may show the mode of before
 
     def _reset_devices(self) -> None:
         """Bring lost drives back to OP; the phase resets their faults."""
-        for axis in range(len(self.states)):
-            if self._bus.al_status(axis) & 0x0F == AlState.SAFEOP:
+        for axis, al in enumerate(self._bus.al_states()):
+            if al.status & 0x0F == AlState.SAFEOP:
                 self._bus.request_state(AlState.SAFEOP, axis)  # acknowledges the error
                 self._bus.request_state(AlState.OP, axis)
 
@@ -203,8 +249,8 @@ class Master(CommandedMaster):
         """Ask the next drive for its mode: not in the process data, one mailbox access a tick."""
         axis = self._modes_read
         if axis < len(self.states) and self.states[axis] == DriveState.SWITCHED_ON:
-            self.mode_display[axis] = read_mode(self._bus, axis)
-            self._modes_read += bool(self.mode_display[axis] == self._mode)
+            read = self._collect_mode(axis) == axis
+            self._modes_read += bool(read and self.mode_display[axis] == self._mode)
 
     def _write_outputs(self) -> None:
         if self.phase is Phase.ENABLED:

@@ -9,7 +9,6 @@ import numpy as np
 from husky_drivers.cia402 import DriveState, error_name
 from husky_drivers.ethercat.axes import AxisSettings
 from husky_drivers.ethercat.bus import AlState, Bus
-from husky_drivers.ethercat.commissioning import describe_code
 
 
 def describe(settings: AxisSettings, which: Any, states: Any, errors: Any) -> str:
@@ -31,11 +30,10 @@ def describe(settings: AxisSettings, which: Any, states: Any, errors: Any) -> st
 def why_incomplete(bus: Bus, settings: AxisSettings, working_counter: int) -> str:
     """Which drives miss from the exchanges."""
     away = []
-    for axis, name in enumerate(settings.joint_names):
-        status = bus.al_status(axis)
-        if status == 0:
+    for name, al in zip(settings.joint_names, bus.al_states(), strict=True):
+        if al.status == 0:
             away.append(f"{name} does not answer")
-        elif status != AlState.OP:
-            away.append(f"{name} left OP ({describe_code(bus.al_status_code(axis))})")
+        elif al.status != AlState.OP:
+            away.append(f"{name} left OP ({al.reason})")
     counters = f"{working_counter} of {bus.expected_working_counter}"
     return f"bus incomplete, working counter {counters}: {', '.join(away) or 'frames lost'}"

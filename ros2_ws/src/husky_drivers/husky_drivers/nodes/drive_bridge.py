@@ -8,6 +8,7 @@ the robot and in simulation alike.
 from __future__ import annotations
 
 import sys
+from concurrent.futures import ThreadPoolExecutor
 
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
@@ -15,17 +16,20 @@ from rclpy.parameter import Parameter
 
 from husky_description.actuation import DRIVES
 from husky_drivers.ethercat.axes import GREATEST_KD, GREATEST_KP, AxisSettings, settings_of
-from husky_drivers.ethercat.bus import available_buses, find_bus
+from husky_drivers.ethercat.bus import BusOptions, available_buses, find_bus
 from husky_drivers.ethercat.commissioning import DriveError
 from husky_drivers.ethercat.master import Master
 from husky_drivers.nodes.joint_bridge import JointBridge
 from husky_drivers.nodes.pacer import find_pacer
 from husky_runtime import graph
+from husky_runtime.nodes.executor import executor_of
 from husky_runtime.nodes.parameters import declare
 from husky_runtime.nodes.run import run
 
 _MAILBOX_EVERY = 5
 """Ticks between two reads over the mailbox."""
+_IN_PROCESS = "sim"
+"""Bus whose mailboxes take no time."""
 
 
 class DriveBridge(JointBridge[Master]):
@@ -34,12 +38,35 @@ class DriveBridge(JointBridge[Master]):
     def __init__(self) -> None:
         """Declare parameters, bring the bus up, serve."""
         super().__init__(graph.DRIVE_BRIDGE, DRIVES, Master)
+        self._failure = ""  # to start, as it was told
+        self._ended_ns = -1  # tick of the last cycle
+        options, robot = self.options, self.options.robot
         name = declare(self, "bus", "sim", "name of the EtherCAT bus", allowed=available_buses())
         settings = self._declare_axes()
-        bus = find_bus(name)(self.options.robot)
+        bus = find_bus(name)(robot, self._declare_bus())
         self.add_on_set_parameters_callback(self._on_set_parameters)
-        master = Master(bus, settings, self.options.robot)
-        self._serve(master, find_pacer(name)(self, self, bus), "Elmo Gold Twitter")
+        # In lockstep the world waits for a mailbox: a run does not depend on how long it takes.
+        waits = name == _IN_PROCESS or options.lockstep
+        mailbox = None if waits else ThreadPoolExecutor(1, "mailbox")
+        master = Master(bus, settings, robot, mailbox)
+        pacer = find_pacer(name, options.pace)(self, self, bus)
+        self._serve(master, pacer, "Elmo Gold Twitter")
+
+    def _declare_bus(self) -> BusOptions:
+        """Declare what a bus on a network interface needs to know; return it."""
+        what = "network interface of the bus soem"
+        interface = declare(self, "interface", BusOptions.interface, what)
+        live = declare(
+            self,
+            "frame_timeout",
+            BusOptions.patience,
+            "time after which a frame on a network interface counts as lost; in lockstep 0.6 of "
+            "`grace`, as simulated drives answer when they can [s]",
+            0.0005,
+            1.0,
+        )
+        patience = 0.6 * self.options.grace if self.options.lockstep else live
+        return BusOptions(interface, patience, graph.TICK_PERIOD)
 
     def _declare_axes(self) -> AxisSettings:
         """Declare the gains; return the numbers of the drives."""
@@ -56,8 +83,7 @@ class DriveBridge(JointBridge[Master]):
         try:
             self._master.configure()
         except (DriveError, OSError) as error:
-            self.get_logger().error(f"the drives cannot be configured: {error}")
-            return TransitionCallbackReturn.FAILURE
+            return self._fail(f"the drives cannot be configured: {error}")
         if self._master.changes:
             self.get_logger().info(
                 f"{len(self._master.changes)} settings of drives changed: see /diagnostics"
@@ -69,10 +95,29 @@ class DriveBridge(JointBridge[Master]):
         try:
             self._master.start()
         except (DriveError, OSError) as error:
-            self.get_logger().error(f"the drives do not come to OP: {error}")
-            return TransitionCallbackReturn.FAILURE
+            return self._fail(f"the drives do not come to OP: {error}")
         self._active = True
         return super().on_activate(state)
+
+    def _fail(self, text: str) -> TransitionCallbackReturn:
+        """Log why the drives cannot be used, unless that was the last that was logged."""
+        if text != self._failure:
+            self._failure = text
+            self.get_logger().error(text)
+        return TransitionCallbackReturn.FAILURE
+
+    def _cycle(self) -> None:
+        """Have the cycle of a tick; at the start it waits until the drives are there."""
+        if not self._is_starting:
+            self._ended_ns = self._tick_ns
+            super()._cycle()
+
+    def tell_again(self) -> None:
+        """Tell the joints of the last cycle again, or have the cycle that waited for the drives."""
+        if not self._waiting and self._ended_ns != self._tick_ns:
+            self._cycle()
+        else:
+            super().tell_again()
 
     def _exchange(self) -> None:
         complete = self._master.exchange()
@@ -86,8 +131,11 @@ class DriveBridge(JointBridge[Master]):
         if values:
             kp = values.get("kp", self.get_parameter("kp").value)
             kd = values.get("kd", self.get_parameter("kd").value)
+            executor, written = executor_of(self), self._master.set_gains(kp, kd)
+            if executor is not None:
+                executor.spin_hot_until(written.done)  # no tick waits for a mailbox
             try:
-                self._master.set_gains(kp, kd)
+                written.result()
             except (ValueError, DriveError) as error:
                 return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)

@@ -38,6 +38,9 @@ _START_PATIENCE = 10.0
 _STATUS_EVERY = 50
 """Ticks between two messages of status: 10 Hz; a change of phase is told at once."""
 
+_RETRY_PERIOD = 0.5
+"""Wall time between two attempts to start [s]."""
+
 MasterT = TypeVar("MasterT", bound=CommandedMaster)
 
 
@@ -59,7 +62,7 @@ class JointBridge(OneClock, LifecycleNode, ABC, Generic[MasterT]):
         self.imu_stamp_ns = 0
         controller = make_peer(self, graph.LOW_LEVEL_CONTROLLER, self.options.grace)
         self._controller = Exchange(controller)
-        self._active = self._waiting = False
+        self._active = self._waiting = self._is_starting = False
         self._tick_ns = -1
         self._last_command = JointCommand()
         self._told: tuple[Phase, str] | None = None
@@ -96,10 +99,23 @@ class JointBridge(OneClock, LifecycleNode, ABC, Generic[MasterT]):
         )
         stay_active_under_load(self, self._load, f"{master.devices} are enabled")
         if self.options.autostart:
-            self.trigger_configure()
-            self.trigger_activate()
+            self._is_starting = True
+            self._start_timer = self.create_timer(_RETRY_PERIOD, self._start)
+            self._start()
 
     # Life cycle -----------------------------------------------------------------------------
+    def _start(self) -> None:
+        """Configure and activate; when that fails, as devices are not there yet, try again."""
+        done = TransitionCallbackReturn.SUCCESS
+        if self._state_machine.current_state[1] != "unconfigured":
+            self._is_starting = False  # somebody else has configured it
+        elif self.trigger_configure() is done:
+            self._is_starting = self.trigger_activate() is not done
+            if self._is_starting:
+                self.trigger_cleanup()
+        if not self._is_starting:
+            self._start_timer.cancel()
+
     def _load(self) -> str:
         """Return what hangs on this node's activity now, "" for nothing."""
         if self._master.phase is not Phase.ENABLED:

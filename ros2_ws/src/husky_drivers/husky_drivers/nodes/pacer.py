@@ -1,8 +1,8 @@
 """Who says when a cycle of the bus begins, and hears that it has ended.
 
-Real drives have no beat of their own: a clock gives it. A bus whose far side keeps its own time
-brings a pacer with it, under the bus's name in the entry-point group `husky_drivers.pacer`. So the
-drive bridge does not know which bus it has. Simulated servos have no time but the world's.
+Real drives have no beat of their own: a clock gives it. Simulated devices have no time but the
+world's: the simulation brings a pacer for each bus, under the bus's name in the entry-point group
+`husky_drivers.pacer`. So the drive bridge does not know which bus it has.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from importlib.metadata import entry_points
 from typing import Generic, Protocol, TypeVar
 
 from rclpy.lifecycle import LifecycleNode
+from rclpy.node import Node
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 from rosgraph_msgs.msg import Clock
@@ -86,7 +87,7 @@ class StreamPacer(Generic[MessageT]):
 
     def __init__(
         self,
-        node: LifecycleNode,
+        node: Node,
         cycle: BridgeCycle,
         topic: str,
         stamp_of: Callable[[MessageT], int],
@@ -133,9 +134,9 @@ class StreamPacer(Generic[MessageT]):
 
 
 class WorldClockPacer(StreamPacer[Clock]):
-    """The beat of simulated servos: the world's time, told every tick."""
+    """The beat of simulated devices on a wire: the world's time, told every tick."""
 
-    def __init__(self, node: LifecycleNode, cycle: BridgeCycle):
+    def __init__(self, node: LifecycleNode, cycle: BridgeCycle, bus: Bus | None = None):
         """Subscribe to the clock."""
         super().__init__(node, cycle, graph.CLOCK, lambda clock: stamps.to_ns(clock.clock))
         self.hot.append(node.create_subscription(Clock, graph.CLOCK, self._on_message, qos.CONTROL))
@@ -144,10 +145,17 @@ class WorldClockPacer(StreamPacer[Clock]):
 PacerFactory = Callable[[LifecycleNode, BridgeCycle, Bus], Pacer]
 
 
-def find_pacer(bus: str) -> PacerFactory:
-    """Return what makes the pacer of the bus of that name."""
+def find_pacer(bus: str, pace: str) -> PacerFactory:
+    """Return what makes the pacer of a bus.
+
+    Args:
+        bus: its name.
+        pace: "hardware" for real devices; "lockstep" or "realtime" for simulated ones.
+    """
+    if pace == "hardware":
+        return ClockPacer
     for point in entry_points(group=GROUP):
         if point.name == bus:
             factory: PacerFactory = point.load()
             return factory
-    return ClockPacer
+    return WorldClockPacer

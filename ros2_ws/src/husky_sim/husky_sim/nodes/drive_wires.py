@@ -1,4 +1,4 @@
-"""What the plant tells the drive bridge of the motors, and hears of the power stages."""
+"""What the plant tells the drives' side of the motors, and hears of the power stages."""
 
 from __future__ import annotations
 
@@ -12,12 +12,16 @@ from husky_runtime.nodes import qos, stamps
 from husky_runtime.nodes.message_guard import Refused
 from husky_sim.devices.drives.motor import Servos
 from husky_sim.nodes.answered_wire import JointWires, peer_of
-from husky_sim.nodes.world_clock import ImuLatency
+from husky_sim.nodes.world_clock import ImuLatency, WorldClock
 from husky_sim.world import World
 
 
 class DriveWires(JointWires):
-    """Motors of the drives: messages to and from the drive bridge."""
+    """Motors of the drives: messages to and from who has the drives.
+
+    That is the drive bridge, or behind frames the drive segment; then the bridge hears of a tick by
+    the clock alone, which is told at every tick.
+    """
 
     def __init__(
         self,
@@ -27,9 +31,14 @@ class DriveWires(JointWires):
         grace: float,
         latency: ImuLatency,
         advance: Callable[[], None],
+        clock: WorldClock | None = None,
     ):
-        """Subscribe and publish; arguments as of `open_joint_wires`."""
-        super().__init__(node, world, peer_of(node, world, graph.DRIVE_BRIDGE, grace))
+        """Subscribe and publish; arguments as of `open_joint_wires`, a clock for drives behind
+        frames.
+        """
+        name = graph.DRIVE_BRIDGE if clock is None else graph.DRIVE_SEGMENT
+        super().__init__(node, world, peer_of(node, world, name, grace))
+        self._clock = clock
         self._servos, self._latency, self._advance = servos, latency, advance
         self._command_ns = -1
         self._state = ServoState()
@@ -77,6 +86,8 @@ class DriveWires(JointWires):
 
     def _say(self) -> None:
         self._publisher.publish(self._state)
+        if self._clock is not None:
+            self._clock.tell(self._world.time_ns)
 
     def restart(self) -> None:
         """The world is back at time 0."""

@@ -6,6 +6,8 @@ from collections.abc import Callable
 
 from rclpy.node import Node
 
+from husky_runtime import graph
+from husky_runtime.nodes.parameters import declare
 from husky_sim.devices.bus_servos.motors import BusServoMotors
 from husky_sim.nodes.answered_wire import JointWires
 from husky_sim.nodes.drive_wires import DriveWires
@@ -32,6 +34,10 @@ def open_joint_wires(
         latency: is told of commands that stand on an IMU sample.
         advance: called when the state of now has been answered.
     """
+    what = "EtherCAT bus of the drives; soem: drive_segment answers it, and each tick is told"
+    bus = declare(node, "bus", graph.BUSES[0], what, allowed=graph.BUSES)
     if isinstance(world.servos, BusServoMotors):
         return ServoBusWires(node, world, world.servos, grace, clock, advance)
-    return DriveWires(node, world, world.servos, grace, latency, advance)
+    if bus == graph.BUSES[0]:
+        return DriveWires(node, world, world.servos, grace, latency, advance)
+    return DriveWires(node, world, world.servos, grace, latency, advance, clock)

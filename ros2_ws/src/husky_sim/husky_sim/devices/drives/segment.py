@@ -16,7 +16,15 @@ from numpy.typing import NDArray
 from husky_description.robot import Robot, load_robot
 from husky_drivers.cia402 import COMMAND_OF_CONTROLWORD, NEXT_STATE, DriveState
 from husky_drivers.ethercat import pdo
-from husky_drivers.ethercat.bus import GOLD_TWITTER, AlState, Emergency, Identity, SdoAbort
+from husky_drivers.ethercat.bus import (
+    GOLD_TWITTER,
+    AlState,
+    AlStatus,
+    BusOptions,
+    Emergency,
+    Identity,
+    SdoAbort,
+)
 from husky_sim.devices.drives import drive_cycle
 from husky_sim.devices.drives.drive import SimulatedDrive
 from husky_sim.devices.drives.drive_record import DRIVE
@@ -44,11 +52,18 @@ class SimulatedSegment:
         command: records of `SERVO_COMMAND`, one per joint, as `servo_command` last left them.
     """
 
-    def __init__(self, robot: Robot | None = None, tick: float = 0.002):
+    def __init__(
+        self,
+        robot: Robot | None = None,
+        options: BusOptions | None = None,
+        *,
+        tick: float = 0.002,
+    ):
         """Power on.
 
         Args:
             robot: whose joints, motors and gears; Husky Carbon by default.
+            options: none that count here.
             tick: time between two servo states and the drives' interpolation period [s].
         """
         robot = load_robot() if robot is None else robot
@@ -104,6 +119,29 @@ class SimulatedSegment:
         )
         return self.command
 
+    # -- the process data of frames (`husky_sim.devices.ethercat`)
+
+    @property
+    def records(self) -> NDArray[np.void]:
+        """Records of `drive_record.DRIVE`, which the drives and the kernels share."""
+        return self._records
+
+    @property
+    def process_data(self) -> tuple[memoryview, memoryview]:
+        """Outputs and inputs of all drives, drive after drive, writable."""
+        return memoryview(self._outputs.data), memoryview(self._inputs.data)
+
+    def put_inputs(self) -> int:
+        """Bring the inputs up to date; return how many drives have an emergency message."""
+        waiting: int = drive_cycle.put_inputs(self._records, self._inputs.fields)
+        return waiting
+
+    def take_outputs(self, reached: NDArray[np.uint8]) -> None:
+        """Let drives in OP take the outputs that have reached them, 1 of (12,) each."""
+        drive_cycle.take_outputs(
+            self._records, self._outputs.fields, reached, NEXT_STATE, COMMAND_OF_CONTROLWORD
+        )
+
     # -- faults
 
     def inject(self, joint: str, fault: str) -> None:
@@ -134,31 +172,40 @@ class SimulatedSegment:
 
     def open(self) -> None:
         """Bring the drives to PREOP."""
-        self.request_state(AlState.INIT)
-        self.request_state(AlState.PREOP)
+        self.bring_to(AlState.INIT)
+        self.bring_to(AlState.PREOP)
 
-    def close(self) -> None:
-        """Bring the drives to INIT; torque goes."""
-        self.request_state(AlState.INIT)
+    def close(self, outputs: bytes | bytearray | memoryview = b"") -> None:
+        """Pass last outputs on and bring the drives to INIT; torque goes."""
+        self.exchange(outputs)
+        self.bring_to(AlState.INIT)
 
     def identity(self, position: int) -> Identity:
         """All are Gold Twitters."""
         return GOLD_TWITTER
 
-    def request_state(self, state: AlState, position: int | None = None) -> None:
-        """Ask one drive, or all, for an AL state; drives off the bus do not hear it."""
-        for drive in self.drives if position is None else (self.drives[position],):
-            if not drive.record["silent"]:
-                drive.request_state(state)
+    def bring_to(self, state: AlState) -> None:
+        """Ask all drives for an AL state, which they take at once or refuse."""
+        for position in range(len(self.drives)):
+            self.request_state(state, position)
 
-    def al_status(self, position: int) -> int:
-        """AL status of a drive, 0 when it does not answer."""
-        record = self._records[position]
-        return 0 if record["silent"] else int(record["al_status"])
+    def request_state(self, state: AlState, position: int) -> None:
+        """Ask a drive for an AL state; one that is off the bus does not hear it."""
+        if not self._records[position]["silent"]:
+            self.drives[position].request_state(state)
 
-    def al_status_code(self, position: int) -> int:
-        """AL status code of a drive."""
-        return int(self._records[position]["al_status_code"])
+    def al_states(self) -> Sequence[AlStatus]:
+        """AL status of every drive."""
+        return [
+            AlStatus(0, 0) if silent else AlStatus(status, code)
+            for silent, status, code in zip(
+                *(
+                    self._records[name].tolist()
+                    for name in ("silent", "al_status", "al_status_code")
+                ),
+                strict=True,
+            )
+        ]
 
     def set_watchdog(self, position: int, seconds: float) -> None:
         """Set a drive's process data watchdog, in steps of 100 us as the register has."""

@@ -1,0 +1,302 @@
+"""An EtherCAT segment on a network interface: SOEM as the master, through the package `pysoem`.
+
+Registered as the bus "soem". Frames are sent and awaited by a thread of its own without Python's
+global lock, so that objects may be read and written by another thread at the same time (SOEM keeps
+frames apart by their index). Slaves are configured by SOEM: station addresses, mailboxes, sync
+managers and FMMUs by what each drive's objects 0x1C12 and 0x1C13 say, distributed clocks with
+SYNC0.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import socket
+import struct
+import threading
+import time
+from collections import deque
+from collections.abc import Sequence
+from typing import Any
+
+from husky_description.robot import Robot
+from husky_drivers.ethercat import pdo
+from husky_drivers.ethercat.bus import (
+    AL_ERROR,
+    TIMED_OUT,
+    AlState,
+    AlStatus,
+    BusOptions,
+    Emergency,
+    Identity,
+    SdoAbort,
+)
+
+ETHERTYPE = 0x88A4
+_FRAME_TIMES = (0.002, 0.05)
+"""Range of the time after which a frame of the set-up counts as lost [s]: SOEM's own, and what
+simulated drives on a busy machine may take. A frame that is safe to repeat gets ten times that.
+"""
+_STATE_PATIENCE = 2.0
+"""In which slaves reach a state that they are asked for [s] (SOEM's own: 2 s)."""
+_STATE_POLL = 0.001
+"""Between two looks at their states [s]."""
+_GENERAL_ERROR = 0x08000000
+_SIOCGIFFLAGS, _IFF_UP = 0x8913, 0x1
+
+
+def check_interface(name: str) -> None:
+    """Raise OSError, which says what to do, when no frame can be sent on a network interface.
+
+    PermissionError is one of them: raw sockets need the capability CAP_NET_RAW.
+    """
+    try:
+        probe = socket.socket(socket.AF_PACKET, socket.SOCK_RAW, socket.htons(ETHERTYPE))
+    except PermissionError:
+        raise PermissionError(
+            f"EtherCAT frames on {name} need the capability CAP_NET_RAW: run as root or in "
+            "scripts/wire.sh, or give it to Python: "
+            "sudo setcap cap_net_raw+ep $(readlink -f .venv/bin/python)"
+        ) from None
+    with probe:
+        try:
+            request = struct.pack("16sH14x", name.encode()[:15], 0)
+            answer = fcntl.ioctl(probe, _SIOCGIFFLAGS, request)
+        except OSError:
+            known = ", ".join(other for _, other in socket.if_nameindex())
+            raise OSError(f"there is no network interface {name!r}; there are {known}") from None
+        if not struct.unpack_from("16xH", answer)[0] & _IFF_UP:
+            raise OSError(f"network interface {name} is down: sudo ip link set {name} up")
+
+
+class SoemBus:
+    """Gold Twitter drives on a network interface; implements `husky_drivers.ethercat.bus.Bus`."""
+
+    def __init__(self, robot: Robot, options: BusOptions):
+        """Open nothing yet; the robot is the one whose joints the drives move."""
+        self._options = options
+        self._pysoem: Any = None
+        self._master: Any = None
+        self._slaves: Sequence[Any] = ()
+        self._frames: _FrameThread | None = None
+        self._inputs = bytes(pdo.TX.itemsize * len(robot.joint_names))
+        self._emergencies: deque[Emergency] = deque()
+
+    @property
+    def slave_count(self) -> int:
+        """Number of slaves that answered `open`."""
+        return len(self._slaves)
+
+    @property
+    def expected_working_counter(self) -> int:
+        """Outputs count 2 and inputs 1 a slave."""
+        return 3 * len(self._slaves)
+
+    def open(self) -> None:
+        """Scan the segment and bring its slaves to PREOP; raises OSError when there is none."""
+        self._let_go()
+        interface = self._options.interface
+        check_interface(interface)
+        try:
+            import pysoem
+        except ImportError as error:
+            raise OSError(
+                f"bus soem needs the Python package pysoem, which cannot be imported ({error}): "
+                "scripts/setup.sh installs it"
+            ) from None
+        self._pysoem = pysoem
+        longer = min(max(self._options.patience, _FRAME_TIMES[0]), _FRAME_TIMES[1])
+        pysoem.settings.timeouts.ret = round(longer * 1e6)
+        pysoem.settings.timeouts.safe = round(longer * 1e7)
+        master = pysoem.Master()
+        master.always_release_gil = True
+        master.open(interface)
+        if master.config_init() <= 0:
+            master.close()
+            raise OSError(
+                f"no EtherCAT slave answers on {interface}: is it cabled, are the drives powered?"
+            )
+        self._master, self._slaves = master, master.slaves
+        for slave in self._slaves:
+            slave.add_emergency_callback(self._on_emergency)
+        self._frames = _FrameThread(master, self._options.patience)
+        self._ask_all(AlState.PREOP)
+        master.state_check(AlState.PREOP, round(_STATE_PATIENCE * 1e6))
+
+    def close(self, outputs: bytes | bytearray | memoryview = b"") -> None:
+        """Send last outputs, bring the slaves to INIT and close the interface."""
+        if self._master is not None:
+            if outputs:
+                self._put_outputs(outputs)
+                self._master.send_processdata()
+            self._ask_all(AlState.INIT)
+        self._let_go()
+
+    def _let_go(self) -> None:
+        if self._frames is not None:
+            self._frames.end()
+        if self._master is not None:
+            self._master.close()
+        self._master, self._frames, self._slaves = None, None, ()
+
+    def identity(self, position: int) -> Identity:
+        """Who the slave is, by its EEPROM."""
+        slave = self._slaves[position]
+        return Identity(slave.man, slave.id, slave.rev)
+
+    # -- states
+
+    def bring_to(self, state: AlState) -> None:
+        """Bring all slaves to a state; raises OSError when their process data cannot be mapped."""
+        if state is AlState.SAFEOP:
+            self._map()
+        elif state is AlState.OP:
+            self.exchange(bytes(pdo.RX.itemsize * len(self._slaves)))  # outputs that are valid
+        self._ask_all(state)
+        end = time.monotonic() + _STATE_PATIENCE
+        while self._master.read_state() != state and time.monotonic() < end:
+            if state is AlState.OP:
+                self.exchange(bytes(pdo.RX.itemsize * len(self._slaves)))
+            time.sleep(_STATE_POLL)
+
+    def _map(self) -> None:
+        """Let SOEM set up sync managers, FMMUs and clocks; raises OSError."""
+        try:
+            self._master.config_map()
+        except self._pysoem.ConfigMapError as error:
+            told = ", ".join(_describe(each) for each in error.error_list)
+            raise OSError(f"process data cannot be mapped: {told}") from None
+        for i, slave in enumerate(self._slaves):
+            sizes = (len(slave.output), len(slave.input))
+            if sizes != (pdo.RX.itemsize, pdo.TX.itemsize):
+                raise OSError(
+                    f"slave {i} maps {sizes[0]} bytes of outputs and {sizes[1]} of inputs, "
+                    f"expected are {pdo.RX.itemsize} and {pdo.TX.itemsize}"
+                )
+        self._master.config_dc()
+        cycle = round(self._options.cycle * 1e9)
+        for slave in self._slaves:
+            slave.dc_sync(True, cycle, cycle // 2)
+
+    def _ask_all(self, state: AlState) -> None:
+        self._master.state = int(state)
+        self._master.write_state()
+
+    def request_state(self, state: AlState, position: int) -> None:
+        """Ask a slave for a state, and acknowledge an error that stands."""
+        slave = self._slaves[position]
+        slave.state = state | AL_ERROR
+        slave.write_state()
+
+    def al_states(self) -> Sequence[AlStatus]:
+        """Read the AL status of every slave: one datagram when all are alike."""
+        self._master.read_state()
+        return [
+            AlStatus(slave.state, slave.al_status if slave.state & AL_ERROR else 0)
+            for slave in self._slaves
+        ]
+
+    def set_watchdog(self, position: int, seconds: float) -> None:
+        """Set a slave's process data watchdog, in steps of 100 us."""
+        self._slaves[position].set_watchdog("processdata", round(seconds * 1e3, 1))
+
+    # -- process data
+
+    def exchange(self, outputs: bytes | bytearray | memoryview) -> tuple[memoryview, int]:
+        """Send one frame with the outputs of all slaves and await it for the frame time-out."""
+        assert self._frames is not None
+        self._put_outputs(outputs)
+        counter = self._frames.exchange()
+        if counter > 0:
+            self._inputs = b"".join([slave.input for slave in self._slaves])
+        return memoryview(self._inputs), counter
+
+    def _put_outputs(self, outputs: bytes | bytearray | memoryview) -> None:
+        size, data = pdo.RX.itemsize, bytes(outputs)
+        for i, slave in enumerate(self._slaves):
+            slave.output = data[i * size : (i + 1) * size]
+
+    # -- mailbox
+
+    def sdo_read(self, position: int, index: int, subindex: int = 0) -> bytes:
+        """Read an object; blocks for some frames."""
+        try:
+            data: bytes = self._slaves[position].sdo_read(index, subindex)
+        except self._mailbox_errors as error:
+            raise self._abort(error, position, index, subindex) from None
+        return data
+
+    def sdo_write(self, position: int, index: int, subindex: int, data: bytes) -> None:
+        """Write an object; blocks for some frames."""
+        try:
+            self._slaves[position].sdo_write(index, subindex, data)
+        except self._mailbox_errors as error:
+            raise self._abort(error, position, index, subindex) from None
+
+    @property
+    def _mailbox_errors(self) -> tuple[type[Exception], ...]:
+        soem = self._pysoem
+        return soem.SdoError, soem.MailboxError, soem.PacketError, soem.WkcError
+
+    def _abort(self, error: Exception, position: int, index: int, subindex: int) -> SdoAbort:
+        code = getattr(error, "abort_code", _GENERAL_ERROR)
+        if isinstance(error, self._pysoem.WkcError):
+            code = TIMED_OUT
+        return SdoAbort(code & 0xFFFFFFFF, position, index, subindex)
+
+    def _on_emergency(self, emergency: Any) -> None:
+        self._emergencies.append(Emergency(emergency.slave_pos - 1, emergency.error_code))
+
+    def emergencies(self) -> Sequence[Emergency]:
+        """Emergency messages that came with what was read of mailboxes since the last call."""
+        found = []
+        while self._emergencies:
+            found.append(self._emergencies.popleft())
+        return found
+
+
+def _describe(error: Any) -> str:
+    """Return what an error of pysoem says, with the slave by its place from 0."""
+    what = getattr(error, "desc", "") or getattr(error, "error_code", "")
+    return f"slave {error.slave_pos - 1}: {type(error).__name__} {what}"
+
+
+class _FrameThread:
+    """Sends a frame of process data and awaits it, whenever it is told to."""
+
+    def __init__(self, master: Any, patience: float):
+        """Start.
+
+        Args:
+            master: of pysoem.
+            patience: time after which a frame counts as lost [s].
+        """
+        self._master, self._patience = master, round(patience * 1e6)
+        self._go, self._done = threading.Lock(), threading.Lock()
+        self._go.acquire()
+        self._done.acquire()
+        self._ended = False
+        self._counter = 0
+        self._thread = threading.Thread(target=self._run, name="EtherCAT frames", daemon=True)
+        self._thread.start()
+
+    def exchange(self) -> int:
+        """Send one frame; return its working counter, 0 when it is lost."""
+        self._go.release()
+        self._done.acquire()
+        return self._counter
+
+    def _run(self) -> None:
+        master = self._master
+        while True:
+            self._go.acquire()
+            if self._ended:
+                return
+            master.send_processdata()
+            self._counter = max(0, master.receive_processdata(self._patience))
+            self._done.release()
+
+    def end(self) -> None:
+        """End the thread."""
+        self._ended = True
+        self._go.release()
+        self._thread.join()
