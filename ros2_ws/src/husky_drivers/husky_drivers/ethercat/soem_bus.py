@@ -36,6 +36,8 @@ _FRAME_TIMES = (0.002, 0.05)
 """Range of the time after which a frame of the set-up counts as lost [s]: SOEM's own, and what
 simulated drives on a busy machine may take. A frame that is safe to repeat gets ten times that.
 """
+_ATTEMPTS = 5
+"""To access a register."""
 _STATE_PATIENCE = 2.0
 """In which slaves reach a state that they are asked for [s] (SOEM's own: 2 s)."""
 _STATE_POLL = 0.001
@@ -196,8 +198,14 @@ class SoemBus:
         ]
 
     def set_watchdog(self, position: int, seconds: float) -> None:
-        """Set a slave's process data watchdog, in steps of 100 us."""
-        self._slaves[position].set_watchdog("processdata", round(seconds * 1e3, 1))
+        """Set a slave's process data watchdog, in steps of 100 us; raises OSError."""
+        for _ in range(_ATTEMPTS):
+            try:
+                self._slaves[position].set_watchdog("processdata", round(seconds * 1e3, 1))
+            except self._pysoem.WkcError:  # pysoem waits for 4 ms, whatever its time-outs are
+                continue
+            return
+        raise OSError(f"slave {position} does not take the time of its watchdog")
 
     # -- process data
 
