@@ -31,6 +31,8 @@ TOGGLE_NOT_ALTERNATED, UNKNOWN_COMMAND, OUT_OF_MEMORY = 0x05030000, 0x05040001, 
 UNSUPPORTED_ACCESS, LENGTH_DIFFERS = 0x06010000, 0x06070010
 LONGEST_DOWNLOAD = 4096
 """Bytes that a master may download into one object (assumed)."""
+_MOST_REPLIES = 4
+"""Waiting replies from which on an emergency message waits in the drive."""
 _SDO_BYTES = 8
 _SEGMENT_BYTES = 7
 _BEFORE_DATA = HEADER.size + 2 + _SDO_BYTES
@@ -47,7 +49,8 @@ _DATA_TYPES = {
 """Data type and bits of a number; text is a visible string."""
 _VISIBLE_STRING = 0x0009
 _VARIABLE, _RECORD = 0x07, 0x09
-_MAPPING_TYPE = 0x0021
+_IDENTITY_TYPE, _MAPPING_TYPE = 0x0023, 0x0021
+_NO_TYPE = 0x0000
 _READABLE, _WRITABLE = 0x0007, 0x0038
 
 
@@ -86,7 +89,7 @@ class CoeServer:
     def take_emergency(self) -> None:
         """Queue the emergency message that waits in the drive's record, if one does."""
         record = self._drive.record
-        if record["emergency"]:
+        if record["emergency"] and len(self.replies) < _MOST_REPLIES:
             record["emergency"] = 0
             code = int(record["error_code"])
             self._reply_coe(_EMERGENCY, struct.pack("<HB5x", code, error_register(code)))
@@ -253,13 +256,16 @@ class CoeServer:
     def _object_list(self, kind: int) -> bytes:
         """Return a list of objects; 0 asks for the lengths of the lists 1 to 5.
 
-        1 are all objects, 2 and 3 those that can be mapped, of which the drive's mapping objects
-        say all there is; 4 and 5, what to save and to load, are empty.
+        1 are all objects, 2 and 3 those that mapping objects map to outputs and inputs; 4 and 5,
+        what to save and to load, are empty.
         """
         everything = list(self._drive.dictionary)
         mapped = [
-            sorted({entry.index for m in MAPPINGS if m >> 8 == kind for entry in MAPPINGS[m]} - {0})
-            for kind in (0x16, 0x1A)
+            sorted(
+                {entry.index for m in MAPPINGS if m >> 8 == group for entry in MAPPINGS[m]}
+                & self._drive.dictionary.keys()
+            )
+            for group in (0x16, 0x1A)
         ]
         lists: list[Sequence[int]] = [everything, *mapped, (), ()]
         if kind == 0:
@@ -277,7 +283,10 @@ class CoeServer:
         name = first.name
         if last:
             name = OBJECT_NAMES.get(index, f"mapping 0x{index:04X}")
-        kind = _MAPPING_TYPE if last else _type_of(first)
+        kind = _type_of(first)
+        if last:
+            kind = _MAPPING_TYPE if index >> 8 in (0x16, 0x1A) else _NO_TYPE
+            kind = _IDENTITY_TYPE if index == 0x1018 else kind
         code = _RECORD if last else _VARIABLE
         return struct.pack("<HHBB", index, kind, last, code) + name.encode("ascii")
 

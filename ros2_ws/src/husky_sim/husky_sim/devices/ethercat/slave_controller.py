@@ -26,6 +26,7 @@ AL_CONTROL, AL_STATUS, AL_STATUS_CODE = 0x0120, 0x0130, 0x0134
 WATCHDOG_DIVIDER, WATCHDOG_TIME, WATCHDOG_STATUS, WATCHDOG_COUNT = 0x0400, 0x0420, 0x0440, 0x0442
 EEPROM, EEPROM_CONTROL, EEPROM_ADDRESS, EEPROM_DATA = 0x0500, 0x0502, 0x0504, 0x0508
 FMMUS, SYNC_MANAGERS = 0x0600, 0x0800
+OUTPUTS_CLOSED, INPUTS_CLOSED = SYNC_MANAGERS + 8 * 2 + 7, SYNC_MANAGERS + 8 * 3 + 7
 RECEIVE_TIMES, RECEIVE_TIME_64, SYSTEM_TIME = 0x0900, 0x0918, 0x0910
 TIME_OFFSET, TIME_DELAY, TIME_DIFFERENCE, SPEED_START = 0x0920, 0x0928, 0x092C, 0x0930
 UNITS = 4
@@ -35,9 +36,8 @@ UNKNOWN_STATE, NO_BOOT, INVALID_MAILBOX, WATCHDOG_EXPIRED = 0x0012, 0x0013, 0x00
 _BOOT = 3
 _INIT, _PREOP, _SAFEOP, _OP = (int(state) for state in AlState)
 _SHORTEST_MAILBOX = 34
-_WATCHED, _FULL, _REPEAT = 0x40, 0x08, 0x02
-_DIRECTION_AND_MODE = 0x0F
-_OUTPUT_CONTROL, _INPUT_CONTROL, _REQUEST_CONTROL, _REPLY_CONTROL = 0x04, 0x00, 0x06, 0x02
+_FULL, _REPEAT = 0x08, 0x02
+_OUTPUT_KIND, _INPUT_KIND, _REQUEST_KIND, _REPLY_KIND = 0x04, 0x00, 0x06, 0x02
 
 HOP = 500
 """Time from one slave to the next, either way [ns] (assumed)."""
@@ -77,16 +77,24 @@ class SyncManager(NamedTuple):
 
     Attributes:
         start, end: its addresses.
-        control: direction and mode.
-        watched: whether writing it feeds the process data watchdog.
+        control: its control register.
         active: whether it is switched on.
     """
 
     start: int
     end: int
     control: int
-    watched: bool
     active: bool
+
+    @property
+    def kind(self) -> int:
+        """Direction and mode."""
+        return self.control & 0x0F
+
+    @property
+    def watched(self) -> bool:
+        """Whether writing it feeds the process data watchdog."""
+        return bool(self.control & 0x40)
 
     @property
     def written(self) -> bool:
@@ -134,6 +142,7 @@ class SlaveController:
         mailbox: server behind the mailboxes.
         fmmus: those that are active.
         managers: the sync managers.
+        outputs_at, inputs_at: addresses of the process data while its sync managers fit it.
     """
 
     def __init__(
@@ -165,8 +174,10 @@ class SlaveController:
         self._writable = bytearray(REGISTERS)
         for start, length in _WRITABLE:
             self._writable[start : start + length] = bytes((1,)) * length
-        self.managers = [SyncManager(0, 0, 0, False, False)] * UNITS
+        self.managers = [SyncManager(0, 0, 0, False)] * UNITS
         self.fmmus: list[Fmmu] = []
+        self.outputs_at: tuple[int, int] | None = None
+        self.inputs_at: tuple[int, int] | None = None
         self._filling = False
         self._last_reply = b""
         self._expired, self._expirations = False, 0
@@ -190,6 +201,7 @@ class SlaveController:
             (AL_STATUS, 6, self._show_state),
             (WATCHDOG_STATUS, 3, self._show_watchdog),
             (SYNC_MANAGERS, 8 * UNITS, self.serve_mailbox),
+            (OUTPUTS_CLOSED, 9, self._show_buffers),
             (SYSTEM_TIME, 8, self._show_time),
         )
         self._reset()
@@ -206,7 +218,6 @@ class SlaveController:
         _WORD.pack_into(memory, WATCHDOG_DIVIDER, 2498)
         _WORD.pack_into(memory, WATCHDOG_TIME, 1000)
         memory[EEPROM_CONTROL] = 0x40  # reads 8 bytes at once
-        self._deactivate_outputs()
 
     # -- memory as datagrams see it
 
@@ -269,21 +280,27 @@ class SlaveController:
             at = SYNC_MANAGERS + 8 * unit
             start, length, control, _, activate, _ = struct.unpack_from("<HHBBBB", self.memory, at)
             active = bool(activate & 0x01) and length > 0
+            active = active and start >= REGISTERS and start + length <= MEMORY
             if before.active:
-                head = struct.pack("<HH", before.start, before.end - before.start)
-                self.memory[at : at + 4] = head
-                manager = before._replace(active=active)
-                self.memory[at + 4] = control = before.control | _WATCHED * before.watched
-            else:
-                watched = bool(control & _WATCHED)
-                kind = control & _DIRECTION_AND_MODE
-                manager = SyncManager(start, start + length, kind, watched, active)
+                active = bool(activate & 0x01)
+                start, control, length = before.start, before.control, before.end - before.start
+                struct.pack_into("<HHB", self.memory, at, start, length, control)
+            manager = SyncManager(start, start + length, control, active)
             self.managers[unit] = manager
             if not active:
                 self._set_full(unit, False)
+        outputs, inputs = self._process_data.outputs, self._process_data.inputs
+        self.outputs_at = self._buffer(2, _OUTPUT_KIND, len(outputs))
+        self.inputs_at = self._buffer(3, _INPUT_KIND, len(inputs))
         self._repeat_reply()
         self._set_watchdog()
         self._on_change()
+
+    def _buffer(self, unit: int, kind: int, length: int) -> tuple[int, int] | None:
+        manager = self.managers[unit]
+        stretch = (manager.start, manager.end)
+        fits = manager.active and manager.kind == kind and manager.end - manager.start == length
+        return stretch if fits else None
 
     def _set_fmmus(self) -> None:
         self.fmmus = []
@@ -304,7 +321,9 @@ class SlaveController:
             self.serve_mailbox()
             if not self._is_full(unit):
                 return None
-        elif unit == 3 and self.state >= _SAFEOP:
+        elif unit == 3 and self.inputs_at:
+            if self.state < _SAFEOP:
+                return None
             self._process_data.put_inputs()
             self.memory[manager.start : manager.end] = self._process_data.inputs
         data = bytes(self.memory[address:end]).ljust(end - address, b"\0")
@@ -329,15 +348,14 @@ class SlaveController:
                 self._set_full(unit, True)
                 self.serve_mailbox()
             return True
-        if unit != 2:
+        if unit != 2 or not self.outputs_at:
             self.memory[address:end] = data
             return True
-        if self.state != _OP:
+        if not self.operates:
             return False
         if address <= manager.start and end >= manager.end:
-            self._process_data.outputs[:] = data[manager.start - address :][
-                : len(self._process_data.outputs)
-            ]
+            offset = manager.start - address
+            self._process_data.outputs[:] = data[offset : offset + manager.end - manager.start]
             self._process_data.take_outputs()
         return True
 
@@ -352,7 +370,7 @@ class SlaveController:
     def serve_mailbox(self) -> None:
         """Process a request that has come; put the next reply out if there is room."""
         requests, replies = self.managers[:2]
-        if self.state < _PREOP or not (requests.active and replies.active):
+        if self.state < _PREOP or not self._has_mailboxes():
             return
         server = self.mailbox
         if self._is_full(0) and not server.replies:
@@ -375,7 +393,7 @@ class SlaveController:
         if (self.memory[at + 6] ^ self.memory[at + 7]) & _REPEAT == 0:
             return
         self.memory[at + 7] ^= _REPEAT
-        if self.managers[1].active and self._last_reply and not self._is_full(1):
+        if self._has_mailboxes() and self._last_reply and not self._is_full(1):
             self._put_reply(self._last_reply)
 
     # -- application layer
@@ -384,6 +402,11 @@ class SlaveController:
     def state(self) -> int:
         """AL state, without the error."""
         return int(self._drive.record["al_status"]) & 0x0F
+
+    @property
+    def operates(self) -> bool:
+        """Whether the drive is in OP and takes outputs."""
+        return int(self._drive.record["al_status"]) == _OP
 
     def _show_state(self) -> None:
         record = self._drive.record
@@ -407,7 +430,6 @@ class SlaveController:
             self._last_reply, self._filling = b"", False
             self._set_full(0, False)
             self._set_full(1, False)
-        self._deactivate_outputs()
         self._on_change()
 
     def _reason_against(self, now: int, wanted: int) -> int:
@@ -419,10 +441,9 @@ class SlaveController:
         if (now, wanted) == (_INIT, _PREOP):
             return 0 if self._has_mailboxes() else INVALID_MAILBOX
         if (now, wanted) == (_PREOP, _SAFEOP):
-            outputs, inputs = self._process_data.outputs, self._process_data.inputs
-            if not self._has_buffer(2, _OUTPUT_CONTROL, len(outputs)):
+            if self.outputs_at is None:
                 return INVALID_OUTPUTS
-            if not self._has_buffer(3, _INPUT_CONTROL, len(inputs)):
+            if self.inputs_at is None:
                 return INVALID_INPUTS
         return 0
 
@@ -431,26 +452,15 @@ class SlaveController:
         apart = requests.end <= replies.start or replies.end <= requests.start
         return apart and all(
             manager.active
-            and manager.control == control
+            and manager.kind == kind
             and manager.end - manager.start >= _SHORTEST_MAILBOX
-            and REGISTERS <= manager.start
-            and manager.end <= MEMORY
-            for manager, control in ((requests, _REQUEST_CONTROL), (replies, _REPLY_CONTROL))
+            for manager, kind in ((requests, _REQUEST_KIND), (replies, _REPLY_KIND))
         )
 
-    def _has_buffer(self, unit: int, control: int, length: int) -> bool:
-        manager = self.managers[unit]
-        return (
-            manager.active
-            and manager.control == control
-            and manager.end - manager.start == length
-            and REGISTERS <= manager.start
-            and manager.end <= MEMORY
-        )
-
-    def _deactivate_outputs(self) -> None:
-        """Show that the drive closes its output buffer in all states but OP (assumed)."""
-        self.memory[SYNC_MANAGERS + 8 * 2 + 7] = int(self.state != _OP)
+    def _show_buffers(self) -> None:
+        """Show that the outputs are open in OP alone, the inputs from SAFEOP on (assumed)."""
+        self.memory[OUTPUTS_CLOSED] = int(not self.operates)
+        self.memory[INPUTS_CLOSED] = int(self.state < _SAFEOP)
 
     # -- watchdog of the process data
 

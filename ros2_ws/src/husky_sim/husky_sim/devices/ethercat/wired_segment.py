@@ -18,7 +18,7 @@ from husky_sim.devices.drives.segment import SimulatedSegment
 from husky_sim.devices.ethercat.frames import Command, datagrams, is_ethercat, pass_frame
 from husky_sim.devices.ethercat.slave_controller import ProcessData, SlaveController
 
-_SAFEOP, _OP = int(AlState.SAFEOP), int(AlState.OP)
+_SAFEOP = int(AlState.SAFEOP)
 _LRD, _LWR, _LRW = int(Command.LRD), int(Command.LWR), int(Command.LRW)
 
 
@@ -193,18 +193,16 @@ class WiredSegment:
         for i, slave in enumerate(self.slaves):
             if self._silent[i] or slave.state < _SAFEOP:
                 continue
-            operates = int(self._al_status[i]) == _OP
-            steps = self._steps(i, address, length, operates)
+            steps = self._steps(i, address, length)
             if steps:
                 paths.append((slave, steps))
-                in_operation |= operates
+                in_operation |= slave.operates
                 reached[i] = any(step.into_drive and step.data is not None for step in steps)
         return _Plan(tuple(paths), reached, bool(reached.any()), in_operation)
 
-    def _steps(self, i: int, address: int, length: int, operates: bool) -> tuple[_Step, ...]:
+    def _steps(self, i: int, address: int, length: int) -> tuple[_Step, ...]:
         """Return what the FMMUs of a slave do with a stretch of logical addresses."""
         slave, process_data = self.slaves[i], self._process_data[i]
-        outputs, inputs = slave.managers[2], slave.managers[3]
         steps = []
         for fmmu in slave.fmmus:
             start = max(fmmu.logical, address)
@@ -215,11 +213,11 @@ class WiredSegment:
             memory = (physical, physical + end - start)
             stretch = (start - address, end - address)
             if fmmu.writes:
-                whole = operates and outputs.active and memory == (outputs.start, outputs.end)
+                whole = slave.operates and memory == slave.outputs_at
                 data = process_data.outputs if whole else None
                 steps.append(_Step(*stretch, True, physical, data))
             if fmmu.reads:
-                whole = inputs.active and memory == (inputs.start, inputs.end)
+                whole = memory == slave.inputs_at
                 data = process_data.inputs if whole else None
                 steps.append(_Step(*stretch, False, physical, data))
         return tuple(sorted(steps, key=lambda step: not step.into_drive))

@@ -1,0 +1,174 @@
+"""Process data by frames is that of the bus in the process, bit for bit."""
+
+import struct
+
+import numpy as np
+import pytest
+from ethercat_line import (
+    FIRST_STATION,
+    IN,
+    L_BOTH,
+    L_READ,
+    L_WRITE,
+    OUT,
+    RX_ASSIGNMENT,
+    TX_ASSIGNMENT,
+    Line,
+    frame_of,
+    od,
+)
+
+from husky_drivers.cia402 import DriveState
+from husky_drivers.ethercat import pdo
+from husky_drivers.ethercat.bus import AlState
+from husky_sim.devices.drives.segment import SimulatedSegment
+
+TICKS = 300
+FAULTS = ("sto", "silent", "fault:7300", "disturbed_timing", "fault:8611")
+JOINTS = ("front_left_knee", "hind_right_hip_frontal")
+
+
+def separate(line, outputs):
+    """Return inputs and counter of one datagram, outputs of all before inputs of all."""
+    data, count = line.ask(L_BOTH, 0, 0, outputs + bytes(IN * line.count))
+    assert data[: len(outputs)] == outputs
+    return data[len(outputs) :], count
+
+
+def overlapping(line, outputs):
+    """Return inputs and counter of one datagram, outputs and inputs of a drive in one place."""
+    rows = [outputs[OUT * i : OUT * (i + 1)] for i in range(line.count)]
+    sent = b"".join(row.ljust(IN, b"\0") for row in rows)
+    data, count = line.ask(L_BOTH, 0, 0, sent)
+    return data, count
+
+
+def read_then_write(line, outputs):
+    """Return inputs and counter of a frame with two datagrams: read, then write."""
+    (data, reads), (_, writes) = line.send(
+        (L_READ, OUT * line.count, 0, bytes(IN * line.count)), (L_WRITE, 0, 0, outputs)
+    )
+    return data, reads + 2 * writes
+
+
+def physical(line, outputs):
+    """Return inputs and counter of a datagram for each buffer."""
+    reads = [(4, FIRST_STATION + i, 0x1180, bytes(IN)) for i in range(line.count)]
+    writes = [
+        (5, FIRST_STATION + i, 0x1100, outputs[OUT * i : OUT * (i + 1)]) for i in range(line.count)
+    ]
+    answers = line.send(*reads, *writes)
+    data = b"".join(data for data, _ in answers[: line.count])
+    return data, sum(c for _, c in answers) + sum(c for _, c in answers[line.count :])
+
+
+def random_outputs(rng, fields):
+    """Fill the outputs of drives that are mostly walked up to operation enabled."""
+    for name in fields.dtype.names:
+        info = np.iinfo(fields[name].dtype)
+        fields[name] = rng.integers(info.min, info.max, len(fields), fields[name].dtype)
+    usual = rng.choice([0x06, 0x07, 0x0F, 0x0F, 0x0F, 0x02, 0x80, 0x10F], len(fields))
+    odd = rng.random(len(fields)) < 0.02
+    fields["controlword"] = np.where(odd, fields["controlword"], usual)
+    fields["mode_of_operation"] = rng.choice([8, 9, 10, 0], len(fields))
+
+
+@pytest.mark.parametrize("by_frame", [separate, overlapping, read_then_write, physical])
+def test_it_equals_the_bus_in_the_process(by_frame):
+    rng = np.random.default_rng(7)
+    line, bus = Line(), SimulatedSegment()
+    line.bring_to_op(overlapping=by_frame is overlapping)
+    bus.open()
+    for drive in bus.drives:
+        drive.preset({od.RX_COUNT: RX_ASSIGNMENT, od.TX_COUNT: TX_ASSIGNMENT})
+    for state in (AlState.SAFEOP, AlState.OP):
+        bus.bring_to(state)
+    image = pdo.ProcessImage(pdo.RX, line.count)
+    compared = [name for name in bus.records.dtype.names if name != "emergency"]
+    seen, counts = set(), set()
+    for tick in range(TICKS):
+        motion = (
+            rng.integers(-(2**20), 2**20, line.count, np.int32),
+            rng.integers(-(2**16), 2**16, line.count, np.int32),
+            rng.normal(0.0, 10.0, line.count),
+            22.2 if tick % 50 else 9.0,
+        )
+        line.segment.set_servo_state(*motion)
+        bus.set_servo_state(*motion)
+        if tick % 20 == 10:
+            joint, fault = JOINTS[tick // 20 % 2], FAULTS[tick // 20 % 5]
+            for segment in (line.segment, bus):
+                segment.clear()
+                segment.inject(joint, fault)
+        if tick % 40 == 39:
+            state, position = rng.choice([2, 4, 8]), int(rng.integers(line.count))
+            line.write(position, 0x0120, struct.pack("<H", state | 0x10))
+            bus.request_state(AlState(state), position)
+            line.write(position, 0x0120, struct.pack("<H", 0x18))
+            bus.request_state(AlState.OP, position)
+        random_outputs(rng, image.fields)
+        silent = bus.records["silent"].astype(bool)
+        inputs, counter = by_frame(line, bytes(image.data))
+        expected, expected_counter = bus.exchange(image.data)
+        bus.emergencies()
+        assert counter == expected_counter
+        reads = ~silent & (bus.records["al_status"] & 0x0F >= 4)
+        for i in np.flatnonzero(reads):
+            assert inputs[IN * i : IN * (i + 1)] == bytes(expected[IN * i : IN * (i + 1)])
+        assert line.segment.servo_command().tobytes() == bus.servo_command().tobytes()
+        for name in compared:
+            assert (line.segment.records[name] == bus.records[name]).all(), name
+        seen |= set(line.segment.states())
+        counts.add(counter)
+    assert {DriveState.OPERATION_ENABLED, DriveState.FAULT} <= seen
+    assert 3 * line.count in counts and len(counts) > 2
+
+
+def test_in_safeop_drives_give_inputs_and_take_nothing():
+    line = Line()
+    line.configure()
+    for state in (2, 4):
+        line.request(state)
+    line.tick(counts=4711)
+    inputs, counter = separate(line, b"\xff" * OUT * line.count)
+    assert counter == line.count
+    assert struct.unpack_from("<i", inputs)[0] == 4711
+    assert not line.segment.records["target_position"].any()
+    line.request(2)
+    assert separate(line, bytes(OUT * line.count))[1] == 0
+
+
+def test_cyclic_frames_are_those_that_touch_a_drive_in_op():
+    line = Line()
+    line.configure()
+    frame = frame_of((L_BOTH, 0, 0, bytes((OUT + IN) * line.count)))
+    for state in (2, 4):
+        line.request(state)
+        assert not line.wired.is_cyclic(frame)
+    line.request(8)
+    assert line.wired.is_cyclic(frame)
+    assert not line.wired.is_cyclic(frame_of((L_BOTH, 0x9000, 0, bytes(8))))
+    assert not line.wired.is_cyclic(frame_of((4, FIRST_STATION, 0x0130, bytes(2))))
+    assert not line.wired.is_cyclic(b"\0" * 60)
+    for _ in range(50):
+        line.tick()  # the watchdogs end it
+    assert not line.wired.is_cyclic(frame)
+
+
+def test_a_buffer_that_no_longer_fits_carries_no_process_data():
+    """A master that shortens it in OP: the drive gets none, and its watchdog ends it."""
+    line = Line()
+    line.bring_to_op()
+    line.write(0, 0x0810, bytes(8))
+    line.write(0, 0x0810, struct.pack("<HHBBBB", 0x1100, 4, 0x64, 0, 1, 0))
+    outputs = b"\x01" * OUT * line.count
+    for _ in range(50):
+        line.tick()
+        separate(line, outputs)
+    assert line.states() == [0x14] + [8] * (line.count - 1)
+    assert line.segment.records["target_position"][0] == 0
+
+
+def test_the_number_of_drifts_is_that_of_the_drives():
+    with pytest.raises(ValueError, match="2 drifts for 12 drives"):
+        Line([0.0, 1.0])
