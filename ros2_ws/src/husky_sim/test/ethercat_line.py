@@ -2,6 +2,8 @@
 
 import struct
 
+import numpy as np
+
 from husky_drivers.ethercat import objects as od
 from husky_drivers.ethercat.pdo import RX_ASSIGNMENT, TX_ASSIGNMENT
 from husky_sim.devices.drives.segment import SimulatedSegment
@@ -103,8 +105,8 @@ class Line:
 
     def tick(self, counts=0, current=0.0):
         """Let one tick of the motors pass."""
-        still = [counts] * self.count
-        self.segment.set_servo_state(still, still, [current] * self.count, VOLTS)
+        still = np.full(self.count, counts, np.int32)
+        self.segment.set_servo_state(still, still, np.full(self.count, current), VOLTS)
 
     def mail(self, i, body, kind=3):
         """Put a mailbox message to a drive; return the working counter."""

@@ -66,7 +66,8 @@ def test_objects_of_any_length_go_up_and_down(soem, length):
 
 def test_it_measures_the_delays_between_the_clocks(soem):
     delays = [int.from_bytes(slave._fprd(0x0928, 4), "little") for slave in soem.slaves]
-    assert delays == [HOP * i for i in range(COUNT)]
+    # receive times of clocks that drift are whole nanoseconds; the errors of the line add up
+    assert delays == pytest.approx([HOP * i for i in range(COUNT)], abs=COUNT)
 
 
 def test_the_clock_of_the_first_drive_comes_with_the_process_data(soem):
