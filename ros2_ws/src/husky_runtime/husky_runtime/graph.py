@@ -111,7 +111,7 @@ BUSES = ("sim", "soem")
 """Buses of simulated drives: in the process of `drive_bridge`, or EtherCAT frames on a network
 interface, which `drive_segment` answers."""
 DRIVE_SIDES = (DRIVE_BRIDGE, DRIVE_SEGMENT)
-"""Who speaks for the power stages of the drives, by their bus."""
+"""Nodes that speak for the power stages of the drives, one for each bus."""
 
 # What stands in the world
 BODIES = ("robot", "robot_with_unit", "unit")

@@ -141,7 +141,7 @@ class SoemBus:
         self._master, self._frames, self._slaves = None, None, ()
 
     def identity(self, position: int) -> Identity:
-        """Who the slave is, by its EEPROM."""
+        """Return the identity that stands in the slave's EEPROM."""
         slave = self._slaves[position]
         return Identity(slave.man, slave.id, slave.rev)
 

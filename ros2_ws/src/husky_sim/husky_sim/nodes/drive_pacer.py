@@ -1,4 +1,4 @@
-"""What paces `drive_bridge` where its drives are simulated, in its process or behind frames.
+"""Pacers of `drive_bridge` where its drives are simulated, in its process or behind frames.
 
 `PlantPacer` also paces `drive_segment`, which has the drives when they are behind frames.
 """

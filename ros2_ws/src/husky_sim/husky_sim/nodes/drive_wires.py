@@ -1,4 +1,4 @@
-"""What the plant tells the drives' side of the motors, and hears of the power stages."""
+"""Messages between the plant and the drives: motors one way, power stages the other."""
 
 from __future__ import annotations
 

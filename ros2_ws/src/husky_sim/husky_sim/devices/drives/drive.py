@@ -119,7 +119,7 @@ FACTORY_MAPPINGS: dict[int, tuple[int, ...]] = {
     0x1600: (0x607A0020, 0x60FE0120, 0x60400010),
     0x1A00: (0x60640020, 0x60FD0020, 0x60410010),
 }
-"""What the assignments after power on map (slave dump); they are read and never used here."""
+"""Mappings of the assignments after power on (slave dump); they are read and never used here."""
 
 FIXED: dict[od.ObjectEntry, int] = (
     {

@@ -43,7 +43,7 @@ class RawPort:
             raise PermissionError(
                 error.errno,
                 f"EtherCAT frames on {interface} need the capability CAP_NET_RAW: run as root, in "
-                "`unshare -Urn`, or give it to the interpreter with "
+                "scripts/wire.sh, or give it to the interpreter with "
                 "`sudo setcap cap_net_raw+ep` and its path",
             ) from None
         except OSError as error:

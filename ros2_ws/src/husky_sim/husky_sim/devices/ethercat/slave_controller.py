@@ -98,12 +98,12 @@ class SyncManager(NamedTuple):
 
     @property
     def written(self) -> bool:
-        """Whether the master writes it."""
+        """True if the master writes it."""
         return bool(self.control & 0x04)
 
     @property
     def mailbox(self) -> bool:
-        """Whether it is a mailbox, else a buffer."""
+        """True for a mailbox, False for a buffer."""
         return bool(self.control & 0x02)
 
 
