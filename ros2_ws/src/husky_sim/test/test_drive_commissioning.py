@@ -66,6 +66,32 @@ def test_a_second_set_up_changes_nothing():
     assert set_up()[1] == []
 
 
+def test_whichever_access_is_refused_the_drive_is_not_used_and_named():
+    """Each one in turn, from the first mapping object to the last parameter."""
+    refused = 0
+    while True:
+        segment = SimulatedSegment(ROBOT)
+        segment.inject(NAME, f"mailbox:{refused + 1}")
+        try:
+            Master(segment, SETTINGS, ROBOT).configure()
+        except DriveError as error:
+            assert str(error).startswith(f"{NAME}: slave {AXIS}, object 0x"), error
+            assert {al.status for al in segment.al_states()} == {AlState.PREOP}
+            refused += 1
+        else:
+            break
+    assert refused > len(list(parameters(SETTINGS, AXIS)))
+
+
+def test_drives_are_told_apart_by_their_serial_numbers():
+    as_it_is = settings_of(ROBOT, serial_numbers=tuple(range(1, 13)))
+    Master(SimulatedSegment(ROBOT), as_it_is, ROBOT).configure()
+    swapped = (1, 2, 3, 5, 4, *range(6, 13))
+    master = Master(SimulatedSegment(ROBOT), settings_of(ROBOT, serial_numbers=swapped), ROBOT)
+    with pytest.raises(DriveError, match=f"{NAME}: the drive has serial number 4, it must be 5"):
+        master.configure()
+
+
 @pytest.mark.parametrize("entry", SAVED, ids=lambda entry: entry.name)
 def test_whatever_is_saved_the_drive_gets_the_value_that_it_has_to_have(entry):
     segment, changes = set_up({entry: SAVED[entry]})

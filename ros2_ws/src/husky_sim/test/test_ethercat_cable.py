@@ -87,7 +87,7 @@ def test_a_watchdog_reads_back_as_it_was_set(soem):
 
 def test_a_port_names_the_interface_that_it_cannot_open(network):
     with pytest.raises(OSError, match="cannot open network interface nosuch0: there is no such"):
-        RawPort("nosuch0", lambda frame: False)
+        RawPort("nosuch0", lambda frame: [])
 
 
 def test_a_port_answers_by_itself_or_later():
@@ -97,11 +97,15 @@ def test_a_port_answers_by_itself_or_later():
 
     def on_frame(frame):
         came.put(frame)
-        return next(answers)
+        return [frame] if next(answers) else []
+
+    def hear(frame):
+        heard.put(bytes(frame))
+        return []
 
     with own_network():
         far = RawPort("ecat1", on_frame)
-        near = RawPort("ecat0", lambda frame: bool(heard.put(bytes(frame))))
+        near = RawPort("ecat0", hear)
     near.send(HEAD + b"first")
     held = came.get(timeout=10)
     assert bytes(held) == (HEAD + b"first").ljust(60, b"\0")

@@ -143,6 +143,7 @@ def test_a_drive_off_the_bus_is_named(drives, bus, master):
     assert bus.exchange(ZEROS)[1] == 33
     states = bus.al_states()
     assert [i for i, al in enumerate(states) if al.status == 0] == [8]
+    bus.close()
     with pytest.raises(DriveError, match="11 slaves on the bus, expected 12"):
         Master(SoemBus(ROBOT, BusOptions("ecat0", PATIENCE)), settings_of(ROBOT), ROBOT).configure()
 

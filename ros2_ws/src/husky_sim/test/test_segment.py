@@ -197,6 +197,8 @@ def test_master_stalls(joints):
         ("fault:8611", DriveState.SWITCH_ON_DISABLED),
         ("fault:2340", DriveState.SWITCH_ON_DISABLED),
         ("silent", DriveState.SWITCH_ON_DISABLED),
+        ("unpowered", DriveState.SWITCH_ON_DISABLED),
+        ("al_error:001a", DriveState.SWITCH_ON_DISABLED),
         ("disturbed_timing", DriveState.SWITCH_ON_DISABLED),
         ("sto", DriveState.SWITCH_ON_DISABLED),
         ("sto", DriveState.SWITCHED_ON),
@@ -303,7 +305,18 @@ EVENTS = st.one_of(
     st.tuples(st.just("silence"), st.integers(1, 30)),
     st.tuples(st.just("mode"), st.sampled_from([8, 9, 10])),
     st.tuples(
-        st.sampled_from(["sto", "silent", "disturbed_timing", "fault:8611", "fault:4310"]),
+        st.sampled_from(
+            [
+                "sto",
+                "silent",
+                "cut",
+                "unpowered",
+                "disturbed_timing",
+                "al_error:001b",
+                "fault:8611",
+                "fault:4310",
+            ]
+        ),
         st.sampled_from(NAMES),
     ),
     st.tuples(st.sampled_from(["clear", "enable", "reset", "stop", "disable"]), st.none()),

@@ -20,6 +20,7 @@ import numpy as np
 
 from husky_description.robot import load_robot
 from husky_sim.devices.drives.segment import SimulatedSegment
+from husky_sim.devices.ethercat.cable import TARGET, Cable
 from husky_sim.devices.ethercat.raw_port import RawPort
 from husky_sim.devices.ethercat.wired_segment import WiredSegment
 
@@ -32,12 +33,13 @@ class FarSide:
         self.segment = SimulatedSegment(load_robot())
         self.wired = WiredSegment(self.segment, time.monotonic_ns, [10.0 * i for i in range(12)])
         self.frames = 0
+        self.cable = Cable(self.wired)
         self.port = RawPort("ecat1", self.on_frame)
 
-    def on_frame(self, frame: bytearray) -> bool:
+    def on_frame(self, frame: bytearray) -> list[bytearray]:
         with self.lock:
             self.frames += 1
-            return self.wired.pass_frame(frame)
+            return self.cable.pass_frame(frame, cyclic=self.wired.is_cyclic(frame))
 
     def do(self, what: str, *words: str) -> Any:
         """Do what a line asks for: tick N, inject JOINT FAULT, clear, or tell."""
@@ -46,9 +48,12 @@ class FarSide:
                 still = np.zeros(12, np.int32)
                 for _ in range(int(words[0])):
                     self.segment.set_servo_state(still, still, np.zeros(12), 22.2)
+            elif what == "inject" and words[0] == TARGET:
+                self.cable.inject(words[1])
             elif what == "inject":
                 self.segment.inject(*words)
             elif what == "clear":
+                self.cable.clear()
                 self.segment.clear()
             return {
                 "frames": self.frames,

@@ -29,6 +29,7 @@ class AxisSettings(JointSettings):
         rated_current, peak_current: of motor and drive [A].
         kp, kd: gains of the drives [N m/rad], [N m s/rad].
         following_window, following_time: following error that trips a drive [rad], [s].
+        serial_numbers: of the drives, joint after joint; () takes drives in any order.
         tick: time between two exchanges [s].
         process_data_watchdog: after which a drive without frames removes torque [s].
         quick_stop_time: in which a joint at its velocity limit is braked to rest [s].
@@ -48,6 +49,7 @@ class AxisSettings(JointSettings):
     kd: float
     following_window: float
     following_time: float
+    serial_numbers: tuple[int, ...] = ()
     tick: float = 0.002
     process_data_watchdog: float = 0.05
     quick_stop_time: float = 0.05

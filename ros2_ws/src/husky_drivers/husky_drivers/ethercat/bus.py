@@ -176,6 +176,17 @@ class Bus(Protocol):
     def request_state(self, state: AlState, position: int) -> None:
         """Ask one slave for a state, and acknowledge an error that stands; do not wait for it."""
 
+    def take_back(self, position: int, set_up: Callable[[], None]) -> None:
+        """Bring a slave that has lost its configuration to SAFEOP, while frames go round.
+
+        Args:
+            position: of the slave.
+            set_up: writes its objects, and the rest of what a slave keeps; called in PREOP.
+
+        Raises:
+            OSError: the slave does not answer at its place, is another one, or refuses a state.
+        """
+
     def al_states(self) -> Sequence[AlStatus]:
         """Read the AL status of every slave."""
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Iterator, Sequence
+from functools import partial
 
 from husky_drivers.ethercat import objects as od
 from husky_drivers.ethercat.axes import AxisSettings
@@ -120,18 +121,66 @@ def commission(bus: Bus, settings: AxisSettings) -> list[SettingChange]:
         identity = bus.identity(axis)
         if (identity.vendor, identity.product) != (GOLD_TWITTER.vendor, GOLD_TWITTER.product):
             raise DriveError(f"{name}: {identity} is not a Gold Twitter")
-        try:
-            changes += _set_mappings(bus, axis)
-            for entry, value in guards(settings, axis):
-                changes += _set(bus, axis, entry, value, optional=True)
-            for entry, value in parameters(settings, axis):
-                changes += _set(bus, axis, entry, value)
-        except (SdoAbort, DriveError) as error:
-            raise DriveError(f"{name}: {error}") from error
-        bus.set_watchdog(axis, settings.process_data_watchdog)
+        _check_serial_number(bus, settings, axis)
+        changes += _set_up(bus, settings, axis)
     bus.bring_to(AlState.SAFEOP)
     check_al_states(bus, settings, AlState.SAFEOP)
     return changes
+
+
+def _check_serial_number(bus: Bus, settings: AxisSettings, axis: int) -> None:
+    """Raise DriveError when a drive is not the one that belongs to its joint."""
+    if not settings.serial_numbers:
+        return
+    name, expected = settings.joint_names[axis], settings.serial_numbers[axis]
+    try:
+        found = _read(bus, axis, od.SERIAL_NUMBER)
+    except SdoAbort as abort:
+        raise DriveError(f"{name}: {abort}") from abort
+    if found != expected:
+        raise DriveError(f"{name}: the drive has serial number {found}, it must be {expected}")
+
+
+def _set_up(bus: Bus, settings: AxisSettings, axis: int) -> list[SettingChange]:
+    """Set what a drive holds, in PREOP; raises DriveError, which names the joint."""
+    changes: list[SettingChange] = []
+    try:
+        changes += _set_mappings(bus, axis)
+        for entry, value in guards(settings, axis):
+            changes += _set(bus, axis, entry, value, optional=True)
+        for entry, value in parameters(settings, axis):
+            changes += _set(bus, axis, entry, value)
+    except (SdoAbort, DriveError) as error:
+        raise DriveError(f"{settings.joint_names[axis]}: {error}") from error
+    bus.set_watchdog(axis, settings.process_data_watchdog)
+    return changes
+
+
+def recover(bus: Bus, settings: AxisSettings) -> str:
+    """Bring the drives that have left OP back to it, while frames go round for the others.
+
+    A drive in SAFEOP still has its configuration; one below, or that has lost its station address
+    as after a power cycle, is set up again. Drives have no torque by that: a fault of CiA 402
+    stays, and they are not enabled. May block.
+
+    Returns:
+        Which drives do not come back and why; "" when all do.
+    """
+    failures: list[str] = []
+    line_ends = False
+    for axis, (name, al) in enumerate(zip(settings.joint_names, bus.al_states(), strict=True)):
+        if al.status == AlState.OP or (al.status == 0 and line_ends):
+            continue
+        try:
+            if al.status & 0x0F == AlState.SAFEOP:
+                bus.request_state(AlState.SAFEOP, axis)  # acknowledges the error
+            else:
+                bus.take_back(axis, partial(_set_up, bus, settings, axis))
+            bus.request_state(AlState.OP, axis)
+        except (OSError, DriveError) as error:
+            line_ends |= al.status == 0  # those behind do not answer either
+            failures.append(str(error) if isinstance(error, DriveError) else f"{name}: {error}")
+    return "; ".join(failures)
 
 
 def _set_mappings(bus: Bus, axis: int) -> Iterator[SettingChange]:

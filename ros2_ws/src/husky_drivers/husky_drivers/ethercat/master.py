@@ -19,7 +19,13 @@ from husky_description.settling import Settling
 from husky_drivers.cia402 import DriveState, OperationMode, error_name
 from husky_drivers.ethercat.axes import AxisSettings, ProcessData
 from husky_drivers.ethercat.bus import AlState, Bus
-from husky_drivers.ethercat.commissioning import check_al_states, commission, read_mode, write_gains
+from husky_drivers.ethercat.commissioning import (
+    check_al_states,
+    commission,
+    read_mode,
+    recover,
+    write_gains,
+)
 from husky_drivers.ethercat.phases import DrivePhases
 from husky_drivers.ethercat.report import describe, why_incomplete
 from husky_drivers.joint_master.commanded_master import AxisStatus, CommandedMaster
@@ -30,6 +36,8 @@ _CSP = OperationMode.CYCLIC_SYNCHRONOUS_POSITION
 _CSV = OperationMode.CYCLIC_SYNCHRONOUS_VELOCITY
 _NOBODY = -1
 """Stands for the axis of a reading that counts no more."""
+_RECOVER_EVERY = 250
+"""Ticks between two attempts to bring drives back to OP, while all are off."""
 _REMEMBERED = 64
 """Last commands that are kept: a stop takes the velocity of the body from them."""
 
@@ -78,6 +86,8 @@ class Master(CommandedMaster):
         self._bus = bus
         self._mailbox = AtOnce() if mailbox is None else mailbox
         self._reading: tuple[int, Future[int]] | None = None  # the axis whose mode is being read
+        self._recovery: Future[str] | None = None
+        self._unrecovered = ""  # why drives did not come back to OP at the last attempt
         self._data = ProcessData(settings)
         phases = DrivePhases(settings, self._describe, self._why_incomplete)
         super().__init__(settings, phases, self._data)
@@ -120,7 +130,7 @@ class Master(CommandedMaster):
         self._phases.enter(Phase.OFF, "stopped")
         self._write_outputs()
         self._bus.close(self._data.outputs.data)
-        self._reading = None
+        self._reading = self._recovery = None
 
     def set_gains(self, kp: float, kd: float) -> Future[None]:
         """Write the gains of all drives, also while they run [N m/rad, N m s/rad].
@@ -206,11 +216,23 @@ class Master(CommandedMaster):
             self._reading = _NOBODY, self._reading[1]  # it may show the mode of before
 
     def _reset_devices(self) -> None:
-        """Bring lost drives back to OP; the phase resets their faults."""
-        for axis, al in enumerate(self._bus.al_states()):
-            if al.status & 0x0F == AlState.SAFEOP:
-                self._bus.request_state(AlState.SAFEOP, axis)  # acknowledges the error
-                self._bus.request_state(AlState.OP, axis)
+        """Bring lost drives back to OP; then the phase resets their faults."""
+        self._begin_recovery()
+
+    # -- recovery of drives that have left OP
+
+    def _begin_recovery(self) -> None:
+        if self._recovery is None:
+            self._recovery = self._mailbox.submit(recover, self._bus, self.settings)
+
+    def _recover(self) -> bool:
+        """Bring drives back now and then while all are off; return whether that goes on."""
+        missed = self._short_in_a_row
+        if missed and missed % _RECOVER_EVERY == 0 and self.phase is Phase.OFF:
+            self._begin_recovery()
+        if self._recovery is not None and self._recovery.done():
+            self._unrecovered, self._recovery = self._recovery.result(), None
+        return self._recovery is not None
 
     # -- the tick
 
@@ -225,7 +247,7 @@ class Master(CommandedMaster):
         inputs, self.working_counter = self._bus.exchange(self._data.outputs.data)
         complete = self.working_counter == self._bus.expected_working_counter
         if complete:
-            self._short_in_a_row = 0
+            self._short_in_a_row, self._unrecovered = 0, ""
             self._data.read(inputs)
             self._seen = True
         else:
@@ -242,6 +264,10 @@ class Master(CommandedMaster):
         modes_confirmed = self._modes_read == len(self.states)
         if self.phase is Phase.ENABLED and (lost := self._phases.why_lost(self.states)):
             self._begin_settling(lost)
+        if self._recover() and self.phase is Phase.RESETTING:
+            return (
+                complete  # faults are reset, and the time for it begins, when the drives are back
+            )
         self._phases.advance(self.states, complete, modes_confirmed, self._settled)
         return complete
 
@@ -337,4 +363,5 @@ class Master(CommandedMaster):
         return describe(self.settings, which, self.states, self.error_code)
 
     def _why_incomplete(self) -> str:
-        return why_incomplete(self._bus, self.settings, self.working_counter)
+        why = why_incomplete(self._bus, self.settings, self.working_counter)
+        return f"{why}; not taken back: {self._unrecovered}" if self._unrecovered else why

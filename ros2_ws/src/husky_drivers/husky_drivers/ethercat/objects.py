@@ -49,6 +49,7 @@ class ObjectEntry:
 VENDOR = ObjectEntry(0x1018, 1, "<I", False, "vendor")
 PRODUCT = ObjectEntry(0x1018, 2, "<I", False, "product code")
 REVISION = ObjectEntry(0x1018, 3, "<I", False, "revision")
+SERIAL_NUMBER = ObjectEntry(0x1018, 4, "<I", False, "serial number")
 RX_COUNT = ObjectEntry(0x1C12, 0, "<B", True, "number of output mappings")
 TX_COUNT = ObjectEntry(0x1C13, 0, "<B", True, "number of input mappings")
 STO_STATUS = ObjectEntry(0x2086, 0, "<I", False, "STO status, 0 while released")

@@ -9,14 +9,15 @@ SYNC0.
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import socket
 import struct
 import threading
 import time
 from collections import deque
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 from husky_description.robot import Robot
 from husky_drivers.ethercat import pdo
@@ -42,6 +43,13 @@ _STATE_PATIENCE = 2.0
 """In which slaves reach a state that they are asked for [s] (SOEM's own: 2 s)."""
 _STATE_POLL = 0.001
 """Between two looks at their states [s]."""
+_LISTEN = 0.02
+"""Time in which the frames of another master would be heard [s]: 10 cycles of 2 ms."""
+_AL_CONTROL, _AL_STATUS, _FMMUS, _SYNC_MANAGERS = 0x0120, 0x0130, 0x0600, 0x0800
+_SYSTEM_TIME, _TIME_OFFSET, _TIME_DELAY = 0x0910, 0x0920, 0x0928
+_MAILBOX_MANAGERS = 16
+"""Bytes of the registers of sync managers 0 and 1; those of 2 and 3 follow."""
+_ETH_P_ALL = 0x0003
 _GENERAL_ERROR = 0x08000000
 _SIOCGIFFLAGS, _IFF_UP = 0x8913, 0x1
 
@@ -70,6 +78,37 @@ def check_interface(name: str) -> None:
             raise OSError(f"network interface {name} is down: sudo ip link set {name} up")
 
 
+def claim_interface(name: str) -> socket.socket:
+    """Become the only master on a network interface, until the socket that it returns is closed.
+
+    Two masters would set each other's drives back, and mix up their answers. A master of this
+    package is told by a lock, any other by its frames.
+
+    Raises:
+        OSError: there is another master.
+    """
+    lock = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    try:
+        lock.bind(f"\0husky/ethercat/{name}")  # gone with the process; one for each network
+        with socket.socket(socket.AF_PACKET, socket.SOCK_RAW, socket.htons(_ETH_P_ALL)) as ears:
+            ears.bind((name, _ETH_P_ALL))
+            end = time.monotonic() + _LISTEN
+            while (left := end - time.monotonic()) > 0.0:
+                ears.settimeout(left)
+                try:
+                    _, source = ears.recvfrom(1)
+                except TimeoutError:
+                    break
+                if source[1] == ETHERTYPE:
+                    raise OSError(f"another EtherCAT master sends on {name}; end it first")
+    except OSError as error:
+        lock.close()
+        if error.errno == errno.EADDRINUSE:
+            raise OSError(f"another drive_bridge has {name}; end it first") from None
+        raise
+    return lock
+
+
 class SoemBus:
     """Gold Twitter drives on a network interface; implements `husky_drivers.ethercat.bus.Bus`."""
 
@@ -80,6 +119,11 @@ class SoemBus:
         self._master: Any = None
         self._slaves: Sequence[Any] = ()
         self._frames: _FrameThread | None = None
+        self._lock: socket.socket | None = None  # of the interface
+        self._registers: list[_Registers] = []  # of each slave as they were set up
+        self._frame_time = 0  # after which a frame of the set-up counts as lost [us]
+        self._has_clock = False
+        self._clock = 0  # time that the last frame has brought from the first slave's clock [ns]
         self._inputs = bytes(pdo.TX.itemsize * len(robot.joint_names))
         self._emergencies: deque[Emergency] = deque()
 
@@ -106,14 +150,17 @@ class SoemBus:
                 "scripts/setup.sh installs it"
             ) from None
         self._pysoem = pysoem
+        self._lock = claim_interface(interface)
         longer = min(max(self._options.patience, _FRAME_TIMES[0]), _FRAME_TIMES[1])
-        pysoem.settings.timeouts.ret = round(longer * 1e6)
-        pysoem.settings.timeouts.safe = round(longer * 1e7)
+        self._frame_time = round(longer * 1e6)
+        pysoem.settings.timeouts.ret = self._frame_time
+        pysoem.settings.timeouts.safe = 10 * self._frame_time
         master = pysoem.Master()
         master.always_release_gil = True
         master.open(interface)
         if master.config_init() <= 0:
             master.close()
+            self._let_go()
             raise OSError(
                 f"no EtherCAT slave answers on {interface}: is it cabled, are the drives powered?"
             )
@@ -138,7 +185,10 @@ class SoemBus:
             self._frames.end()
         if self._master is not None:
             self._master.close()
-        self._master, self._frames, self._slaves = None, None, ()
+        if self._lock is not None:
+            self._lock.close()
+        self._master, self._frames, self._slaves, self._lock = None, None, (), None
+        self._clock = 0
 
     def identity(self, position: int) -> Identity:
         """Return the identity that stands in the slave's EEPROM."""
@@ -174,10 +224,14 @@ class SoemBus:
                     f"slave {i} maps {sizes[0]} bytes of outputs and {sizes[1]} of inputs, "
                     f"expected are {pdo.RX.itemsize} and {pdo.TX.itemsize}"
                 )
-        self._master.config_dc()
-        cycle = round(self._options.cycle * 1e9)
+        self._has_clock = bool(self._master.config_dc())
+        self._registers = [self._read_registers(i) for i in range(len(self._slaves))]
         for slave in self._slaves:
-            slave.dc_sync(True, cycle, cycle // 2)
+            self._start_sync(slave)
+
+    def _start_sync(self, slave: Any) -> None:
+        cycle = round(self._options.cycle * 1e9)
+        slave.dc_sync(True, cycle, cycle // 2)
 
     def _ask_all(self, state: AlState) -> None:
         self._master.state = int(state)
@@ -189,6 +243,80 @@ class SoemBus:
         slave.state = state | AL_ERROR
         slave.write_state()
 
+    def take_back(self, position: int, set_up: Callable[[], None]) -> None:
+        """Bring a slave that has lost its configuration to SAFEOP, while frames go round.
+
+        Its registers get what they had when it was set up. Another slave in its place is not taken:
+        SOEM compares the identity in the EEPROM.
+        """
+        registers = self._registers[position]
+        if self._slaves[position].recover(self._frame_time) <= 0:
+            raise OSError(f"slave {position} does not answer at its place")
+        managers = registers.sync_managers
+        self._go(position, AlState.INIT)
+        self._write(position, _SYNC_MANAGERS, managers[:_MAILBOX_MANAGERS])
+        self._go(position, AlState.PREOP)
+        set_up()
+        self._write(position, _SYNC_MANAGERS + _MAILBOX_MANAGERS, managers[_MAILBOX_MANAGERS:])
+        self._write(position, _FMMUS, registers.fmmus)
+        self._set_clock(position, registers.delay)
+        self._go(position, AlState.SAFEOP)
+
+    def _go(self, position: int, state: AlState) -> None:
+        """Bring a slave to a state; raises OSError, which says where it is instead."""
+        self._write(position, _AL_CONTROL, struct.pack("<H", state | AL_ERROR))
+        end = time.monotonic() + _STATE_PATIENCE
+        while True:
+            status, code = struct.unpack("<HxxH", self._read(position, _AL_STATUS, 6))
+            if status == state:
+                return
+            if status & AL_ERROR or time.monotonic() > end:
+                al = AlStatus(status, code)
+                raise OSError(f"slave {position}: in {al.state}, not {state.name} ({al.reason})")
+            time.sleep(_STATE_POLL)
+
+    def _read_registers(self, position: int) -> _Registers:
+        return _Registers(
+            self._read(position, _SYNC_MANAGERS, 2 * _MAILBOX_MANAGERS),
+            self._read(position, _FMMUS, 64),
+            self._read(position, _TIME_DELAY, 4),
+        )
+
+    def _set_clock(self, position: int, delay: bytes) -> None:
+        """Let a slave's clock show the time of the others, and start its SYNC0."""
+        self._write(position, _TIME_OFFSET, bytes(8))
+        try:
+            theirs = self._read_time(0 if position else 1)
+        except (IndexError, OSError):
+            theirs = self._clock  # no other has kept its time
+        offset = theirs - self._read_time(position)
+        self._write(position, _TIME_OFFSET, struct.pack("<q", offset))
+        self._write(position, _TIME_DELAY, delay)
+        self._start_sync(self._slaves[position])
+
+    def _read_time(self, position: int) -> int:
+        return int.from_bytes(self._read(position, _SYSTEM_TIME, 8), "little")
+
+    def _read(self, position: int, address: int, size: int) -> bytes:
+        """Read registers of a slave; raises OSError."""
+        slave = self._slaves[position]
+        data: bytes = self._attempt(position, lambda: slave._fprd(address, size, self._frame_time))
+        return data
+
+    def _write(self, position: int, address: int, data: bytes) -> None:
+        """Write registers of a slave; raises OSError."""
+        slave = self._slaves[position]
+        self._attempt(position, lambda: slave._fpwr(address, data, self._frame_time))
+
+    def _attempt(self, position: int, access: Callable[[], Any]) -> Any:
+        """Return what an access to registers returns, asked again when an answer is lost."""
+        for _ in range(_ATTEMPTS):
+            try:
+                return access()
+            except self._pysoem.WkcError:
+                continue
+        raise OSError(f"slave {position} does not answer")
+
     def al_states(self) -> Sequence[AlStatus]:
         """Read the AL status of every slave: one datagram when all are alike."""
         self._master.read_state()
@@ -199,21 +327,26 @@ class SoemBus:
 
     def set_watchdog(self, position: int, seconds: float) -> None:
         """Set a slave's process data watchdog, in steps of 100 us; raises OSError."""
-        for _ in range(_ATTEMPTS):
-            try:
-                self._slaves[position].set_watchdog("processdata", round(seconds * 1e3, 1))
-            except self._pysoem.WkcError:  # pysoem waits for 4 ms, whatever its time-outs are
-                continue
-            return
-        raise OSError(f"slave {position} does not take the time of its watchdog")
+        slave = self._slaves[position]  # of which pysoem waits for 4 ms, whatever its time-outs are
+        self._attempt(position, lambda: slave.set_watchdog("processdata", round(seconds * 1e3, 1)))
 
     # -- process data
 
     def exchange(self, outputs: bytes | bytearray | memoryview) -> tuple[memoryview, int]:
-        """Send one frame with the outputs of all slaves and await it for the frame time-out."""
+        """Send one frame with the outputs of all slaves and await it for the frame time-out.
+
+        A complete answer whose clock has not moved on since the one before counts as lost: SOEM
+        does not look how long a frame is, and has the bytes of the last one behind a short one.
+        """
         assert self._frames is not None
         self._put_outputs(outputs)
         counter = self._frames.exchange()
+        if counter == self.expected_working_counter and self._has_clock:
+            clock = self._master.dc_time
+            if clock <= self._clock:
+                counter = 0
+            else:
+                self._clock = clock
         if counter > 0:
             self._inputs = b"".join([slave.input for slave in self._slaves])
         return memoryview(self._inputs), counter
@@ -266,6 +399,14 @@ def _describe(error: Any) -> str:
     """Return what an error of pysoem says, with the slave by its place from 0."""
     what = getattr(error, "desc", "") or getattr(error, "error_code", "")
     return f"slave {error.slave_pos - 1}: {type(error).__name__} {what}"
+
+
+class _Registers(NamedTuple):
+    """Registers of a slave that are set up, and lost when its power is."""
+
+    sync_managers: bytes
+    fmmus: bytes
+    delay: bytes
 
 
 class _FrameThread:

@@ -12,6 +12,7 @@ from __future__ import annotations
 import sys
 import threading
 import time
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,7 @@ from husky_runtime.nodes.parameters import declare, declare_robot
 from husky_runtime.nodes.presence import make_peer
 from husky_runtime.nodes.run import run
 from husky_sim.devices.drives.segment import SimulatedSegment
+from husky_sim.devices.ethercat.cable import TARGET, Cable
 from husky_sim.devices.ethercat.raw_port import RawPort
 from husky_sim.devices.ethercat.wired_segment import WiredSegment
 from husky_sim.nodes.drive_pacer import PlantPacer
@@ -53,6 +55,7 @@ class DriveSegment(OneClock, Node):
         drift = declare(self, "clock_drift", 0.0, what, -100.0, 100.0)
         self.imu_stamp_ns = 0
         self._tick_ns = -1
+        self._ticks = self._time = 0
         self._takes_frame = False  # the tick has not had its frame
         self._owes = False  # the plant has not been told what the drives do after the tick
         self._held: bytearray | None = None  # a frame that has come before its tick
@@ -61,6 +64,7 @@ class DriveSegment(OneClock, Node):
         self._drives = SimulatedSegment(robot)
         drifts = [drift * i for i in range(self._drives.slave_count)]
         self._wired = WiredSegment(self._drives, self._time_ns, drifts)
+        self._cable = Cable(self._wired)
         self._frames = 0
         self._pacer = PlantPacer(self, self, self)
         ends = self.create_subscription(CycleEnd, graph.CYCLE_END, self._on_cycle_end, qos.CONTROL)
@@ -69,34 +73,39 @@ class DriveSegment(OneClock, Node):
         self._diagnostics = diagnostics.Diagnostics(self, "EtherCAT drives", self._report)
 
     def _time_ns(self) -> int:
-        return max(0, self._tick_ns)
+        """Return the time of the drives' clocks [ns]: each frame finds them later than the last.
+
+        A reset of the world does not touch them.
+        """
+        self._time = max(self._time + 1, self._ticks * graph.TICK_PERIOD_NS)
+        return self._time
 
     # Frames: in the port's thread -----------------------------------------------------------
-    def _on_frame(self, frame: bytearray) -> bool:
-        """Answer a frame now, or hold it until its tick begins; return whether it goes back."""
+    def _on_frame(self, frame: bytearray) -> Sequence[bytearray]:
+        """Answer a frame now, or hold it until its tick begins; return the answers."""
         with self._lock:
             self._pass_held()  # frames on a cable do not overtake one another
             cyclic = self._wired.is_cyclic(frame)
             if cyclic and self.lockstep and not self._takes_frame:
                 self._held = frame
-                return False
+                return []
             return self._pass(frame, cyclic=cyclic)
 
     def _pass_held(self) -> None:
         held, self._held = self._held, None
         if held is not None:
-            self._pass(held, cyclic=True)
-            self._port.send(held)
+            for answer in self._pass(held, cyclic=True):
+                self._port.send(answer)
 
-    def _pass(self, frame: bytearray, *, cyclic: bool) -> bool:
-        """Pass a frame through the drives; return whether it goes back."""
-        goes_back = self._wired.pass_frame(frame)
-        self._frames += goes_back
+    def _pass(self, frame: bytearray, *, cyclic: bool) -> Sequence[bytearray]:
+        """Pass a frame through the drives; return what comes back."""
+        answers = self._cable.pass_frame(frame, cyclic=cyclic)
+        self._frames += 1
         if cyclic:
             self._takes_frame = False
             if self._owes and not self.lockstep:
                 self._tell_plant()
-        return goes_back
+        return answers
 
     # Drives as the plant sees them: `husky_sim.nodes.drive_pacer.PlantSide` -----------------
     def set_servo_state(
@@ -112,14 +121,20 @@ class DriveSegment(OneClock, Node):
             return self._drives.servo_command()
 
     def inject(self, joint: str, fault: str) -> None:
-        """Make a drive fail; raises ValueError."""
+        """Make a drive fail, or the cable that stands in a joint's place; raises ValueError."""
         with self._lock:
-            self._drives.inject(joint, fault)
+            if joint == TARGET:
+                self._cable.inject(fault)
+            else:
+                self._drives.inject(joint, fault)
 
     def clear(self, joint: str | None = None) -> None:
-        """End the injected faults of one drive or of all; raises ValueError."""
+        """End the injected faults of one drive, of the cable or of all; raises ValueError."""
         with self._lock:
-            self._drives.clear(joint)
+            if joint in (TARGET, None):
+                self._cable.clear()
+            if joint != TARGET:
+                self._drives.clear(joint)
 
     # The tick -------------------------------------------------------------------------------
     def begin(self, time_ns: int, renewed: bool = False) -> bool:
@@ -128,6 +143,7 @@ class DriveSegment(OneClock, Node):
             if self._owes:
                 self._tell_plant()  # no frame came: the drives' watchdogs act
             self._tick_ns = time_ns
+            self._ticks += 1
             self._takes_frame = self._owes = True
             self._pass_held()
             if self.lockstep and self._master.ready(time_ns):

@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+import numpy as np
+
 from husky_drivers.cia402 import DriveState, OperationMode
 from husky_drivers.ethercat import objects as od
 from husky_drivers.ethercat.bus import (
@@ -25,9 +27,11 @@ from husky_drivers.ethercat.bus import (
 )
 from husky_drivers.ethercat.pdo import MAPPINGS, RX_ASSIGNMENT, TX_ASSIGNMENT, mapped
 from husky_sim.devices.drives import drive_cycle
+from husky_sim.devices.drives.drive_record import DRIVE
 
 READ_ONLY, TOO_LONG = 0x06010002, 0x06070012
 CANNOT_MAP, WRONG_LENGTH, OUT_OF_RANGE, WRONG_STATE = 0x06040041, 0x06070010, 0x06090030, 0x08000022
+GENERAL_ERROR = 0x08000000
 INVALID_CHANGE, INVALID_OUTPUTS, INVALID_INPUTS = 0x0011, 0x001D, 0x001E
 
 START_TIME = 0.02
@@ -36,8 +40,32 @@ WATCHDOG = 0.1
 """Process data watchdog after power on [s] (EtherCAT default: 1000 times 100 us)."""
 SUPPLY_RANGE = (11.0, 98.0)
 """Bus voltage outside of which the drive trips [V] (assumed, for the 100 V type)."""
-FAULTS = ("fault:<code>", "sto", "silent", "disturbed_timing")
-"""What can be injected; a code is that of object 0x603F in hexadecimal, e.g. fault:8611."""
+FAULTS = (
+    "fault:<code>",
+    "al_error:<code>",
+    "mailbox:<n>",
+    "sto",
+    "silent",
+    "cut",
+    "unpowered",
+    "disturbed_timing",
+)
+"""Faults that can be injected. A fault's code is that of object 0x603F in hexadecimal, e.g.
+fault:8611, an AL error's that of register 0x0134; mailbox:3 refuses the third access to an object
+from now on."""
+_ONE_BY_ONE = ("sto", "silent", "cut", "unpowered", "disturbed")
+"""Fields of the record that are 1 while such a fault lasts."""
+_OUTLASTS = (
+    *_ONE_BY_ONE,
+    "injected_fault",
+    "sto_state",
+    "position",
+    "velocity",
+    "current",
+    "bus_voltage",
+    "peak_duration",
+)
+"""Fields of the record that a power cycle does not change."""
 
 
 @dataclass(frozen=True)
@@ -221,6 +249,34 @@ class SimulatedDrive:
         self._view = record
         self.record = record[0]
         self._interpolation = interpolation
+        self._saved: dict[od.ObjectEntry, od.Number | tuple[int, ...]] = {}
+        self._accesses_left = 0  # until one is refused, as injected; 0 for none
+        self.record["sto_state"] = DriveState.SWITCH_ON_DISABLED
+        self.record["peak_duration"] = peak_duration
+        self.starts = 0
+        self.power_on()
+        self.record["al_status"] = AlState.PREOP
+
+    def power_on(self) -> None:
+        """Start, in INIT, with the objects that are saved; motor and injected faults stay."""
+        self.starts += 1
+        d = self.record
+        kept = [d[name].item() for name in _OUTLASTS]
+        self._view[0] = np.zeros((), DRIVE)
+        for name, value in zip(_OUTLASTS, kept, strict=True):
+            d[name] = value
+        d["al_status"] = AlState.INIT
+        d["watchdog"] = WATCHDOG
+        d["state"] = DriveState.NOT_READY_TO_SWITCH_ON
+        d["starting"] = START_TIME
+        d["undervoltage"], d["overvoltage"] = SUPPLY_RANGE
+        for parameter in PARAMETERS.values():
+            d[parameter.field] = parameter.initial * parameter.scale
+        self._load_objects()
+        self.preset(self._saved)
+
+    def _load_objects(self) -> None:
+        """Have the objects that are no fields of the record as they come from the factory."""
         self._assigned: dict[int, tuple[int, ...]] = {
             od.RX_COUNT.index: (0x1600,),
             od.TX_COUNT.index: (0x1A00,),
@@ -231,28 +287,18 @@ class SimulatedDrive:
         }
         self._plain: dict[od.ObjectEntry, od.Number] = {
             **STORED,
-            od.INTERPOLATION_VALUE: round(interpolation * 1e3),
+            od.INTERPOLATION_VALUE: round(self._interpolation * 1e3),
             od.INTERPOLATION_EXPONENT: -3,
         }
         self._texts = dict(TEXTS)
         self._fixed = {
             **FIXED,
-            od.ObjectEntry(0x1018, 4, "<I", False, "serial number"): position + 1,  # assumed
+            od.ObjectEntry(0x1018, 4, "<I", False, "serial number"): self._position + 1,  # assumed
             od.ObjectEntry(0x1023, 2, "<B", False, "status"): 1,  # done, there is a reply
         }
         values = (*PARAMETERS, *READINGS, *self._plain, *self._texts, *self._fixed)
         self._fixed |= _counts(values)
         self._entries = {(entry.index, entry.subindex): entry for entry in (*values, *self._fixed)}
-        d = self.record
-        d["al_status"] = AlState.PREOP
-        d["watchdog"] = WATCHDOG
-        d["state"] = DriveState.NOT_READY_TO_SWITCH_ON
-        d["starting"] = START_TIME
-        d["sto_state"] = DriveState.SWITCH_ON_DISABLED
-        d["peak_duration"] = peak_duration
-        d["undervoltage"], d["overvoltage"] = SUPPLY_RANGE
-        for parameter in PARAMETERS.values():
-            d[parameter.field] = parameter.initial * parameter.scale
 
     def preset(self, saved: dict[od.ObjectEntry, od.Number | tuple[int, ...]]) -> None:
         """Have somebody's values saved in the drive, whatever it would accept from the bus.
@@ -260,6 +306,7 @@ class SimulatedDrive:
         Args:
             saved: values by object; lists by the count of an assignment or of a mapping object.
         """
+        self._saved = {**self._saved, **saved}
         for entry, value in saved.items():
             if isinstance(value, tuple):
                 self._assigned[entry.index] = value
@@ -287,6 +334,7 @@ class SimulatedDrive:
 
     def sdo_read(self, index: int, subindex: int) -> bytes:
         """Value of an object; raises SdoAbort."""
+        self._count_access(index, subindex)
         if index in self._slots and subindex <= len(self._slots[index]):
             if subindex == 0:
                 return struct.pack("<B", len(self._assigned[index]))
@@ -308,6 +356,7 @@ class SimulatedDrive:
 
     def sdo_write(self, index: int, subindex: int, data: bytes) -> None:
         """Set an object; raises SdoAbort."""
+        self._count_access(index, subindex)
         if index in self._slots:
             self._assign(index, subindex, data)
             return
@@ -331,6 +380,13 @@ class SimulatedDrive:
             return
         self._check_plain(entry, value)
         self._plain[entry] = value
+
+    def _count_access(self, index: int, subindex: int) -> None:
+        """Refuse an access when that was injected."""
+        if self._accesses_left:
+            self._accesses_left -= 1
+            if not self._accesses_left:
+                raise self._abort(GENERAL_ERROR, index, subindex)
 
     def _check_plain(self, entry: od.ObjectEntry, value: od.Number) -> None:
         """Refuse what this emulator cannot do: an integral gain, another interpolation period."""
@@ -418,21 +474,45 @@ class SimulatedDrive:
         """
         kind, _, argument = fault.partition(":")
         if kind == "fault":
-            try:
-                code = int(argument, 16)
-            except ValueError:
-                code = 0
-            if not 0 < code <= 0xFFFF:
-                raise ValueError(f"{fault!r}: the code must be hexadecimal, 1 to FFFF")
-            self.record["injected_fault"] = code
-        elif fault in ("sto", "silent"):
-            self.record[fault] = 1
+            self.record["injected_fault"] = _number(fault, argument, 16)
+        elif kind == "al_error":
+            self._fall(_number(fault, argument, 16))
+        elif kind == "mailbox":
+            self._accesses_left = _number(fault, argument, 10)
         elif fault == "disturbed_timing":
             self.record["disturbed"] = 1
+        elif fault in _ONE_BY_ONE:
+            self.record[fault] = 1
+            if fault == "unpowered":
+                self.power_on()  # as it will be when it has power again; without it nothing goes on
         else:
             raise ValueError(f"no fault {fault!r}; there are {', '.join(FAULTS)}")
 
+    def _fall(self, code: int) -> None:
+        """Leave OP by itself, with an error."""
+        d = self.record
+        if d["al_status"] == AlState.OP:
+            d["al_status"] = AlState.SAFEOP
+            drive_cycle.abort_connection(d)
+        self.refuse_state(code)
+
     def clear(self) -> None:
         """End all injected faults; a drive in fault stays there until it is reset."""
-        for field in ("injected_fault", "sto", "silent", "disturbed"):
+        unpowered = self.record["unpowered"]
+        self._accesses_left = 0
+        for field in ("injected_fault", *_ONE_BY_ONE):
             self.record[field] = 0
+        if unpowered:
+            self.power_on()
+
+
+def _number(fault: str, text: str, base: int) -> int:
+    """Read the number of a fault, 1 to 0xFFFF; raises ValueError."""
+    try:
+        number = int(text, base)
+    except ValueError:
+        number = 0
+    if not 0 < number <= 0xFFFF:
+        kind = "hexadecimal, 1 to FFFF" if base == 16 else "1 to 65535"
+        raise ValueError(f"{fault!r}: the code must be {kind}")
+    return number

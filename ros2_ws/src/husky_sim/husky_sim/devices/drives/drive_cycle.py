@@ -195,6 +195,8 @@ def advance(
         d.velocity = velocity[i]
         d.current = current[i]
         d.bus_voltage = bus_voltage
+        if d.unpowered:
+            continue
         if d.state == _STARTING:
             d.starting -= dt
             if d.starting <= _TINY:
@@ -326,7 +328,7 @@ def process_frame(drives: Any, outputs: Any, inputs: Any, next_state: Any, comma
     counter = 0
     for i in range(len(drives)):
         d = drives[i]
-        if d.silent or d.al_status & 0x0F < _SAFEOP:
+        if d.away or d.al_status & 0x0F < _SAFEOP:
             continue
         _write_inputs(d, inputs[i])
         counter += 1
@@ -351,7 +353,7 @@ def put_inputs(drives: Any, inputs: Any) -> int:
     for i in range(len(drives)):
         d = drives[i]
         waiting += d.emergency != 0
-        if not d.silent and d.al_status & 0x0F >= _SAFEOP:
+        if not d.away and d.al_status & 0x0F >= _SAFEOP:
             _write_inputs(d, inputs[i])
     return waiting
 
@@ -369,7 +371,7 @@ def take_outputs(drives: Any, outputs: Any, reached: Any, next_state: Any, comma
     """
     for i in range(len(drives)):
         d = drives[i]
-        if reached[i] and not d.silent and d.al_status == _OP:
+        if reached[i] and not d.away and d.al_status == _OP:
             _take_outputs(d, outputs[i], next_state, commands)
 
 

@@ -9,7 +9,8 @@ DRIVE = np.dtype(
         ("al_status_code", "i4"),
         ("watchdog", "f8"),  # process data watchdog [s]
         ("watchdog_left", "f8"),  # [s]
-        ("silent", "i4"),  # off the bus: frames pass by
+        ("silent", "i4"),  # frames pass by
+        ("away", "i4"),  # frames do not reach it: silent, or behind a break of the line
         # CiA 402 machine
         ("state", "i4"),
         ("mode", "i4"),  # mode of operation display
@@ -29,6 +30,8 @@ DRIVE = np.dtype(
         # injected
         ("sto", "i4"),  # an STO input is low
         ("sto_state", "i4"),  # state that STO leaves an enabled drive in
+        ("cut", "i4"),  # the cable behind it is cut
+        ("unpowered", "i4"),
         ("disturbed", "i4"),  # the next enabled tick falls to switch on disabled
         ("injected_fault", "i4"),  # code that stands until it is cleared
         # motor

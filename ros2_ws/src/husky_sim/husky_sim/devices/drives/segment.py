@@ -7,7 +7,7 @@ exchange, `servo_command`, once a tick in that order.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -147,11 +147,19 @@ class SimulatedSegment:
     def inject(self, joint: str, fault: str) -> None:
         """Make a drive fail (`drive.FAULTS`); raises ValueError for an unknown joint or fault."""
         self._drive(joint).inject(fault)
+        self._find_away()
 
     def clear(self, joint: str | None = None) -> None:
         """End the injected faults of one drive or of all."""
         for drive in self.drives if joint is None else (self._drive(joint),):
             drive.clear()
+        self._find_away()
+
+    def _find_away(self) -> None:
+        """Find the drives that frames do not reach: a line ends at a cut, and without power."""
+        records = self._records
+        ends = (records["unpowered"] != 0) | np.r_[False, records["cut"][:-1] != 0]
+        records["away"] = (records["silent"] != 0) | np.logical_or.accumulate(ends)
 
     def _drive(self, joint: str) -> SimulatedDrive:
         if joint not in self._names:
@@ -191,18 +199,24 @@ class SimulatedSegment:
 
     def request_state(self, state: AlState, position: int) -> None:
         """Ask a drive for an AL state; one that is off the bus does not hear it."""
-        if not self._records[position]["silent"]:
+        if not self._records[position]["away"]:
             self.drives[position].request_state(state)
+
+    def take_back(self, position: int, set_up: Callable[[], None]) -> None:
+        """Set a drive up from INIT to SAFEOP; raises OSError when it does not answer."""
+        if self._records[position]["away"]:
+            raise OSError(f"slave {position} does not answer at its place")
+        for state in (AlState.INIT, AlState.PREOP):
+            self.request_state(state, position)
+        set_up()
+        self.request_state(AlState.SAFEOP, position)
 
     def al_states(self) -> Sequence[AlStatus]:
         """AL status of every drive."""
         return [
-            AlStatus(0, 0) if silent else AlStatus(status, code)
-            for silent, status, code in zip(
-                *(
-                    self._records[name].tolist()
-                    for name in ("silent", "al_status", "al_status_code")
-                ),
+            AlStatus(0, 0) if away else AlStatus(status, code)
+            for away, status, code in zip(
+                *(self._records[name].tolist() for name in ("away", "al_status", "al_status_code")),
                 strict=True,
             )
         ]
@@ -242,12 +256,12 @@ class SimulatedSegment:
         waiting = self._records["emergency"]
         if not waiting.any():
             return ()
-        found = np.flatnonzero(waiting & (self._records["silent"] == 0))
+        found = np.flatnonzero(waiting & (self._records["away"] == 0))
         waiting[found] = 0
         return [Emergency(int(i), int(self._records["error_code"][i])) for i in found]
 
     def _check_answering(self, position: int, index: int, subindex: int) -> None:
-        if self._records["silent"][position]:
+        if self._records["away"][position]:
             raise SdoAbort(0x05040000, position, index, subindex)
 
     def states(self) -> list[DriveState]:

@@ -7,7 +7,7 @@ import os
 import select
 import socket
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from husky_sim.devices.ethercat.frames import ETHERTYPE
 
@@ -20,13 +20,13 @@ _PACKET_OUTGOING = 4
 class RawPort:
     """Hands every frame that comes in to a callback, in a thread of its own."""
 
-    def __init__(self, interface: str, on_frame: Callable[[bytearray], bool]):
+    def __init__(self, interface: str, on_frame: Callable[[bytearray], Sequence[bytearray]]):
         """Open an interface.
 
         Args:
             interface: its name.
             on_frame: gets each frame, from the Ethernet header on, and may change it in place;
-                returns whether it goes back now.
+                returns the frames that go back now.
 
         Raises:
             OSError: it cannot be opened; the text says which and why. PermissionError is one.
@@ -90,5 +90,5 @@ class RawPort:
             if source[2] == _PACKET_OUTGOING:
                 continue
             frame = buffer[:length]
-            if self._on_frame(frame):
-                self.send(frame)
+            for answer in self._on_frame(frame):
+                self.send(answer)

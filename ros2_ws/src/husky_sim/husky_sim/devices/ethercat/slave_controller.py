@@ -168,21 +168,13 @@ class SlaveController:
         self._drive, self._process_data = drive, process_data
         self._clock, self._drift = clock, round(drift_ppm * 1e3)  # parts in 10^9
         self._on_change = on_change
-        self.mailbox = CoeServer(drive)
-        self.memory = bytearray(MEMORY)
+        self._epoch = 0  # of the local clock
         self._eeprom = eeprom_image(GOLD_TWITTER, self._position + 1)
         self._writable = bytearray(REGISTERS)
         for start, length in _WRITABLE:
             self._writable[start : start + length] = bytes((1,)) * length
-        self.managers = [SyncManager(0, 0, 0, False)] * UNITS
-        self.fmmus: list[Fmmu] = []
-        self.outputs_at: tuple[int, int] | None = None
-        self.inputs_at: tuple[int, int] | None = None
-        self._filling = False
-        self._last_reply = b""
-        self._expired, self._expirations = False, 0
-        self._offset = self._delay = self._correction = 0
-        self._station = 0
+        self.mailbox = CoeServer(drive)
+        self.memory = bytearray(MEMORY)
         self._effects = (
             (STATION, 2, self._set_station),
             (0x0100, 4, self._set_station),
@@ -204,10 +196,29 @@ class SlaveController:
             (OUTPUTS_CLOSED, 9, self._show_buffers),
             (SYSTEM_TIME, 8, self._show_time),
         )
-        self._reset()
+        self._power_on()
 
-    def _reset(self) -> None:
+    def notice_start(self) -> None:
+        """Start as the drive has done, if it has: the clock from 0, too."""
+        if self._starts != self._drive.starts:
+            self._epoch = self._clock()
+            self._power_on()
+
+    def _power_on(self) -> None:
+        """Have everything as after power on; what is in the EEPROM stays."""
+        self._starts = self._drive.starts
+        self.mailbox.reset()
+        self.managers = [SyncManager(0, 0, 0, False)] * UNITS
+        self.fmmus: list[Fmmu] = []
+        self.outputs_at: tuple[int, int] | None = None
+        self.inputs_at: tuple[int, int] | None = None
+        self._filling = False
+        self._last_reply = b""
+        self._expired, self._expirations = False, 0
+        self._offset = self._delay = self._correction = 0
+        self._station = 0
         memory = self.memory
+        memory[:] = bytes(MEMORY)
         memory[: len(_DESCRIPTION)] = _DESCRIPTION
         memory[ALIAS : ALIAS + 2] = self._eeprom[8:10]
         last = self._position == self._count - 1
@@ -508,7 +519,7 @@ class SlaveController:
 
     def _local_time(self, hops: int | None = None) -> int:
         """Return the local clock [ns] when the frame has made some hops, by default up to here."""
-        time = self._clock() + HOP * (self._position if hops is None else hops)
+        time = self._clock() - self._epoch + HOP * (self._position if hops is None else hops)
         return time + time * self._drift // 1_000_000_000 + self._correction
 
     def _latch_times(self) -> None:

@@ -87,7 +87,7 @@ class WiredSegment:
         if len(drifts) != count:
             raise ValueError(f"{len(drifts)} drifts for {count} drives")
         self._al_status = segment.records["al_status"]
-        self._silent = segment.records["silent"]
+        self._away = segment.records["away"]
         self._plans: dict[tuple[int, int], _Plan] = {}
         self._seen = b""
         self._line: Sequence[SlaveController] = ()
@@ -144,12 +144,14 @@ class WiredSegment:
 
     def _notice_changes(self) -> None:
         """Forget the paths when a drive has changed its state by itself or left the bus."""
-        seen = self._al_status.tobytes() + self._silent.tobytes()
+        seen = self._al_status.tobytes() + self._away.tobytes()
         if seen != self._seen:
             self._seen = seen
             self._plans.clear()
+            for slave in self.slaves:
+                slave.notice_start()
             self._line = [
-                slave for slave, off in zip(self.slaves, self._silent, strict=True) if not off
+                slave for slave, off in zip(self.slaves, self._away, strict=True) if not off
             ]
 
     def _logical(self, command: int, address: int, data: memoryview) -> int:
@@ -191,7 +193,7 @@ class WiredSegment:
         reached = np.zeros(len(self.slaves), np.uint8)
         in_operation = False
         for i, slave in enumerate(self.slaves):
-            if self._silent[i] or slave.state < _SAFEOP:
+            if self._away[i] or slave.state < _SAFEOP:
                 continue
             steps = self._steps(i, address, length)
             if steps:
