@@ -8,7 +8,8 @@ import pytest
 
 from husky_description.robot import load_robot
 from husky_drivers.ethercat.bus import BusOptions, find_bus
-from husky_drivers.ethercat.soem_bus import SoemBus, check_interface
+from husky_drivers.ethercat.interface import check_interface
+from husky_drivers.ethercat.soem_bus import SoemBus
 
 LOOPBACK = "lo"
 
@@ -50,7 +51,7 @@ def test_without_the_capability_it_says_how_to_get_it():
     """In a process that has given its privileges away, if it had any."""
     code = (
         "import os\n"
-        "from husky_drivers.ethercat.soem_bus import check_interface\n"
+        "from husky_drivers.ethercat.interface import check_interface\n"
         "if os.getuid() == 0: os.setuid(65534)\n"
         "check_interface('lo')\n"
     )

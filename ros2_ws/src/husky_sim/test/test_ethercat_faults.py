@@ -19,8 +19,9 @@ from husky_drivers.cia402 import DriveState, OperationMode
 from husky_drivers.ethercat.axes import settings_of
 from husky_drivers.ethercat.bus import AL_ERROR, AlState, BusOptions
 from husky_drivers.ethercat.commissioning import DriveError
+from husky_drivers.ethercat.interface import ETHERTYPE
 from husky_drivers.ethercat.master import Master
-from husky_drivers.ethercat.soem_bus import ETHERTYPE, SoemBus
+from husky_drivers.ethercat.soem_bus import SoemBus
 from husky_drivers.joint_master.phase import Phase
 
 ROBOT = load_robot()

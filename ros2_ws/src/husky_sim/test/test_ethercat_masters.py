@@ -14,7 +14,7 @@ from wired_drives import far_side
 from husky_description.robot import load_robot
 from husky_drivers.ethercat import objects as od
 from husky_drivers.ethercat.axes import settings_of
-from husky_drivers.ethercat.bus import AL_ERROR, GOLD_TWITTER, AlState, BusOptions, SdoAbort
+from husky_drivers.ethercat.bus import GOLD_TWITTER, AlState, BusOptions, SdoAbort
 from husky_drivers.ethercat.commissioning import DriveError
 from husky_drivers.ethercat.master import Master
 from husky_drivers.ethercat.pdo import RX_ASSIGNMENT, TX_ASSIGNMENT
@@ -125,17 +125,6 @@ def test_an_emergency_comes_with_the_mailbox(drives, bus, master):
     master.poll_mailbox()
     master.exchange()
     assert master.error_code[5] == 0x7300
-
-
-def test_without_frames_the_watchdog_takes_them_out_of_op(drives, bus, master):
-    bus.exchange(ZEROS)
-    assert {al for al, _ in drives.ask("tick", 24)["al"]} == {int(AlState.OP)}
-    told = drives.ask("tick", 2)
-    assert told["al"] == [[AlState.SAFEOP | AL_ERROR, 0x001B]] * 12 and told["torque"] == 0
-    assert bus.al_states()[0].reason == "process data watchdog"
-    assert not master.exchange(), "outputs are not taken in SAFEOP"
-    master.reset_faults()
-    assert master.exchange(), [al.state for al in bus.al_states()]
 
 
 def test_a_drive_off_the_bus_is_named(drives, bus, master):

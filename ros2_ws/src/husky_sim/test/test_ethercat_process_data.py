@@ -5,6 +5,8 @@ import struct
 import numpy as np
 import pytest
 from ethercat_line import (
+    B_READ,
+    B_WRITE,
     FIRST_STATION,
     IN,
     L_BOTH,
@@ -17,6 +19,8 @@ from ethercat_line import (
     frame_of,
     od,
 )
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from husky_drivers.cia402 import DriveState
 from husky_drivers.ethercat import pdo
@@ -172,3 +176,48 @@ def test_a_buffer_that_no_longer_fits_carries_no_process_data():
 def test_the_number_of_drifts_is_that_of_the_drives():
     with pytest.raises(ValueError, match="2 drifts for 12 drives"):
         Line([0.0, 1.0])
+
+
+@pytest.fixture(scope="module")
+def hurt():
+    """A line that is not whole any more."""
+    line = Line()
+    line.bring_to_op()
+    return line
+
+
+@settings(max_examples=300)
+@given(
+    st.lists(
+        st.tuples(
+            st.integers(0, 255),
+            st.integers(0, 2**16 - 1),
+            st.integers(0, 2**16 - 1),
+            st.binary(max_size=64),
+        ),
+        min_size=1,
+        max_size=5,
+    ),
+    st.integers(0, 2**16 - 1),
+    st.integers(0, 400),
+)
+def test_no_frame_breaks_the_line(hurt, datagrams, header, length):
+    """Any datagrams, a length that lies, an end that is cut off."""
+    frame = frame_of(*datagrams)
+    if header & 1:
+        struct.pack_into("<H", frame, 14, 0x1000 | header & 0x7FF)
+    frame = frame[: max(16, length)]
+    size = len(frame)
+    hurt.wired.is_cyclic(frame)
+    hurt.wired.pass_frame(frame)
+    assert len(frame) == size
+
+
+@settings(max_examples=300)
+@given(st.integers(0, 0x1000), st.binary(min_size=1, max_size=160), st.booleans())
+def test_no_register_breaks_the_line(hurt, register, data, mailbox):
+    register = 0x1800 if mailbox else register
+    hurt.ask(B_WRITE, 0, register, data)
+    hurt.ask(B_READ, 0, register, bytes(len(data)))
+    hurt.ask(L_BOTH, 0, 0, bytes(480))
+    hurt.tick()

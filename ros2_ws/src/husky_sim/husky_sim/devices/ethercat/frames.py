@@ -12,7 +12,8 @@ from collections.abc import Callable, Iterator, Sequence
 from enum import IntEnum
 from typing import NamedTuple, Protocol
 
-ETHERTYPE = 0x88A4
+from husky_drivers.ethercat.interface import ETHERTYPE
+
 _ETHERTYPE_BYTES = struct.pack(">H", ETHERTYPE)
 HEADER = 16
 """Bytes before the first datagram."""

@@ -9,7 +9,7 @@ import socket
 import threading
 from collections.abc import Callable, Sequence
 
-from husky_sim.devices.ethercat.frames import ETHERTYPE
+from husky_drivers.ethercat.interface import ETHERTYPE, check_interface
 
 SHORTEST = 60
 """Bytes of the shortest Ethernet frame, without its checksum."""
@@ -31,27 +31,10 @@ class RawPort:
         Raises:
             OSError: it cannot be opened; the text says which and why. PermissionError is one.
         """
-        self._interface, self._on_frame = interface, on_frame
-        try:
-            self._socket = socket.socket(socket.AF_PACKET, socket.SOCK_RAW, socket.htons(ETHERTYPE))
-            try:
-                self._socket.bind((interface, ETHERTYPE))
-            except OSError:
-                self._socket.close()
-                raise
-        except PermissionError as error:
-            raise PermissionError(
-                error.errno,
-                f"EtherCAT frames on {interface} need the capability CAP_NET_RAW: run as root, in "
-                "scripts/wire.sh, or give it to the interpreter with "
-                "`sudo setcap cap_net_raw+ep` and its path",
-            ) from None
-        except OSError as error:
-            missing = error.errno == errno.ENODEV
-            reason = "there is no such network interface" if missing else error.strerror
-            raise OSError(
-                error.errno, f"cannot open network interface {interface}: {reason}"
-            ) from None
+        check_interface(interface)
+        self._on_frame = on_frame
+        self._socket = socket.socket(socket.AF_PACKET, socket.SOCK_RAW, socket.htons(ETHERTYPE))
+        self._socket.bind((interface, ETHERTYPE))
         self._wake = os.eventfd(0)
         self._thread = threading.Thread(
             target=self._receive, name=f"EtherCAT on {interface}", daemon=True
