@@ -56,6 +56,7 @@ class DriveSegment(OneClock, Node):
         self.imu_stamp_ns = 0
         self._tick_ns = -1
         self._ticks = self._time = 0
+        self._ended_ns = -1  # the last tick whose joints have been told
         self._takes_frame = False  # the tick has not had its frame
         self._owes = False  # the plant has not been told what the drives do after the tick
         self._held: bytearray | None = None  # a frame that has come before its tick
@@ -158,7 +159,13 @@ class DriveSegment(OneClock, Node):
                 return  # of a time before a reset
             self.imu_stamp_ns = stamps.to_ns(end.imu_stamp)
             self._master.answer(stamp)
-            if self.lockstep and self._owes and stamp == self._tick_ns:
+            told_again, self._ended_ns = stamp <= self._ended_ns, max(stamp, self._ended_ns)
+            if not self.lockstep or told_again:
+                return
+            if stamp < self._tick_ns:
+                self._takes_frame = True  # the frame that has come was of that earlier tick
+                self._pass_held()
+            elif self._owes:
                 self._tell_plant()
 
     def _tell_plant(self) -> None:
@@ -172,6 +179,7 @@ class DriveSegment(OneClock, Node):
         """Time starts again: nobody has answered for it."""
         with self._lock:
             self._owes = False
+            self._ended_ns = -1
             self._master.restart()
 
     def quiet(self) -> None:
