@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from husky_bringup.front import end_by_signals
+from husky_bringup.hardware import Hardware, read_hardware, robot_on_hardware
 from husky_bringup.neighbours import discovery
 from husky_bringup.processes import Processes
 from husky_bringup.settings import (
@@ -29,6 +30,9 @@ from husky_runtime.domain_locks import domain_of
 _NAMESPACE = re.compile(r"/|/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*", re.ASCII)
 _LOOK_PERIOD = 0.1
 """Wall time between two looks at the nodes [s]."""
+_TIME = "realtime"
+_SIMULATED = ("time", "bus", "robot", "remote")
+"""Options that a robot of real devices does not take: its file or its devices decide."""
 
 
 def leave_out(specs: Sequence[NodeSpec], names: Sequence[str]) -> tuple[NodeSpec, ...]:
@@ -56,7 +60,8 @@ def add_robot_options(parser: argparse.ArgumentParser) -> None:
         "default",
     )
     add_bus_option(parser)
-    parser.add_argument("--time", choices=TIMES, default="realtime", help="who sets the pace")
+    what = f"who sets the pace (default: {_TIME})"
+    parser.add_argument("--time", choices=TIMES, default=_TIME, help=what)
     add_set_option(
         parser, "e.g. plant.terrain=tiles, plant.body=robot_with_unit; may be given many times"
     )
@@ -87,9 +92,31 @@ def robot_of(options: argparse.Namespace, *, console: bool = False) -> tuple[Nod
         ValueError: they do not fit together.
     """
     settings = settings_of(options)
+    time = options.time or _TIME
     return simulated_robot(
-        options.time, settings, options.record, remote=options.remote, wakes=True, console=console
+        time, settings, options.record, remote=options.remote, wakes=True, console=console
     )
+
+
+def robot_with_devices(hardware: Hardware, options: argparse.Namespace) -> tuple[NodeSpec, ...]:
+    """Return the nodes of a robot of real devices.
+
+    Raises:
+        ValueError: options of a simulated robot are given as well, or settings do not fit.
+    """
+    for name in _SIMULATED:
+        if getattr(options, name) not in (None, False):
+            raise ValueError(
+                f"--{name} is for a simulated robot, it does not go with --hardware"
+                + (": its file has the key robot" if name == "robot" else "")
+            )
+    settings = collect(options.set)
+    if graph.PLANT in settings:
+        name = next(iter(settings[graph.PLANT]))
+        raise ValueError(
+            f"--set {graph.PLANT}.{name} is for a simulated robot: with --hardware nothing is"
+        )
+    return robot_on_hardware(hardware, settings, options.record, console=options.console)
 
 
 def settings_of(options: argparse.Namespace) -> Settings:
@@ -106,11 +133,23 @@ def make_parser() -> argparse.ArgumentParser:
     """Return the command line."""
     parser = argparse.ArgumentParser(
         prog="scripts/bringup.sh",
-        description="Start every node of the simulated robot; Ctrl-C ends them all, "
-        "and so does the end of one.",
+        description="Start every node of the robot, simulated or with real devices; Ctrl-C ends "
+        "them all, and so does the end of one.",
         formatter_class=HelpFormatter,
     )
     add_robot_options(parser)
+    parser.set_defaults(time=None)  # so that one that is given is seen
+    parser.add_argument(
+        "--hardware",
+        metavar="FILE",
+        help="start the robot's side alone, with the real devices that a file names "
+        "(docs/hardware.md), if all of them answer; nothing is simulated",
+    )
+    parser.add_argument(
+        "--dry-run",
+        action="store_true",
+        help="with --hardware: ask each device what it is and end; exit code 0 if all answer",
+    )
     parser.add_argument("--console", action="store_true", help="with a page for the browser")
     parser.add_argument("--params-file", help="a ROS parameter file for every node")
     parser.add_argument(
@@ -156,14 +195,29 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     parser = make_parser()
     options = parser.parse_args(arguments)
+    hardware = None
     try:
-        specs = leave_out(robot_of(options, console=options.console), options.without)
+        if options.hardware is not None:
+            hardware = read_hardware(Path(options.hardware))
+            specs = robot_with_devices(hardware, options)
+        elif options.dry_run:
+            raise ValueError("--dry-run asks the devices of --hardware FILE")
+        else:
+            specs = robot_of(options, console=options.console)
+        specs = leave_out(specs, options.without)
         names = {spec.name for spec in specs}
         if options.params_file is not None:
             for name in sorted(nodes_of_file(Path(options.params_file)) - names):
                 print(f"note: {options.params_file}: {name} is not started", file=sys.stderr)
     except ValueError as error:
         parser.error(str(error))
+    if hardware is not None:
+        missing = _missing(hardware)
+        if options.dry_run:
+            return 1 if missing else 0
+        if missing:
+            print(f"error: nothing is started without {', '.join(missing)}", file=sys.stderr)
+            return 1
     try:
         with Processes(params_file=options.params_file, namespace=options.namespace) as processes:
             processes.start_all(specs)
@@ -179,6 +233,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (OSError, ValueError) as error:
         print(f"error: {error}", file=sys.stderr)
     return 1
+
+
+def _missing(hardware: Hardware) -> list[str]:
+    """Ask the devices, and tell what they say; return which do not answer as they should."""
+    # Here, as a simulated robot needs none of it: the drivers take a while to load.
+    from husky_bringup.hardware_check import check_devices, devices_of, print_machine
+
+    missing = check_devices(devices_of(hardware))
+    print_machine()
+    return missing
 
 
 def _told(code: int) -> str:

@@ -12,7 +12,7 @@ from husky_description.mujoco_model import flying_inertia
 from husky_description.robot import ROBOTS, Robot, load_robot
 from husky_runtime import graph
 
-ParameterValue = bool | int | float | str | tuple[float, ...]
+ParameterValue = bool | int | float | str | tuple[float, ...] | tuple[str, ...]
 
 TIMES = ("lockstep", "realtime")
 """Clocks of a simulated robot."""
@@ -79,7 +79,7 @@ def to_yaml(value: ParameterValue) -> str:
     if isinstance(value, str):
         return json.dumps(value, ensure_ascii=False)  # a double-quoted scalar of YAML
     if isinstance(value, tuple):
-        return f"[{', '.join(map(repr, value))}]"
+        return f"[{', '.join(map(to_yaml, value))}]"
     return repr(value)
 
 
@@ -112,7 +112,7 @@ def simulated_robot(
     """
     settings = settings or {}
     plant = settings.get(graph.PLANT, {})
-    body, robot = str(plant.get("body", "robot")), _whole(str(plant.get("robot", ROBOTS[0])))
+    body, robot = str(plant.get("body", "robot")), robot_path(str(plant.get("robot", ROBOTS[0])))
     bus = str(plant.get("bus", graph.BUSES[0]))
     for name, value, allowed in (
         ("time", time, TIMES),
@@ -144,10 +144,10 @@ def simulated_robot(
         specs.append(NodeSpec("husky_bringup", graph.RECORDER, {"output": record}))
     if console:
         specs.append(NodeSpec("husky_bringup", graph.CONSOLE))
-    return _set(specs, settings)
+    return with_settings(specs, settings)
 
 
-def _set(
+def with_settings(
     specs: Sequence[NodeSpec], settings: Mapping[str, Mapping[str, ParameterValue]]
 ) -> tuple[NodeSpec, ...]:
     """Return nodes with further parameters.
@@ -165,7 +165,7 @@ def _set(
     )
 
 
-def _whole(robot: str) -> str:
+def robot_path(robot: str) -> str:
     """Return a robot's name, or the whole path of its file: nodes need not start where we are."""
     return str(Path(robot).absolute()) if robot not in ROBOTS and Path(robot).is_file() else robot
 

@@ -176,7 +176,7 @@ class Bus(Protocol):
     def request_state(self, state: AlState, position: int) -> None:
         """Ask one slave for a state, and acknowledge an error that stands; do not wait for it."""
 
-    def take_back(self, position: int, set_up: Callable[[], None]) -> None:
+    def take_back(self, position: int, set_up: Callable[[], object]) -> None:
         """Bring a slave that has lost its configuration to SAFEOP, while frames go round.
 
         Args:

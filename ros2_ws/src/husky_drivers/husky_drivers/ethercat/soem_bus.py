@@ -182,7 +182,7 @@ class SoemBus:
         slave.state = state | AL_ERROR
         slave.write_state()
 
-    def take_back(self, position: int, set_up: Callable[[], None]) -> None:
+    def take_back(self, position: int, set_up: Callable[[], object]) -> None:
         """Bring a slave that has lost its configuration to SAFEOP, while frames go round.
 
         Its registers get what they had when it was set up. Another slave in its place is not taken:

@@ -21,6 +21,7 @@ from husky_drivers.ethercat.commissioning import DriveError
 from husky_drivers.ethercat.master import Master
 from husky_drivers.nodes.joint_bridge import JointBridge
 from husky_drivers.nodes.pacer import find_pacer
+from husky_drivers.real_time import take_real_time
 from husky_runtime import graph
 from husky_runtime.nodes.executor import executor_of
 from husky_runtime.nodes.parameters import declare
@@ -50,6 +51,7 @@ class DriveBridge(JointBridge[Master]):
         mailbox = None if waits else ThreadPoolExecutor(1, "mailbox")
         master = Master(bus, settings, robot, mailbox)
         pacer = find_pacer(name, options.pace)(self, self, bus)
+        self._declare_priority()
         self._serve(master, pacer, "Elmo Gold Twitter")
 
     def _declare_bus(self) -> BusOptions:
@@ -68,15 +70,37 @@ class DriveBridge(JointBridge[Master]):
         patience = 0.6 * self.options.grace if self.options.lockstep else live
         return BusOptions(interface, patience, graph.TICK_PERIOD)
 
+    def _declare_priority(self) -> None:
+        """Declare the priority of this process and take it where the drives are real; warn of what
+        hard real time lacks.
+        """
+        what = "priority of SCHED_FIFO with time hardware, memory locked; 0: neither"
+        priority = declare(self, "priority", 80, what, 0, 98)
+        if self.options.pace == "hardware":
+            for lack in take_real_time(priority):
+                self.get_logger().warning(str(lack))
+
     def _declare_axes(self) -> AxisSettings:
-        """Declare the gains; return the numbers of the drives."""
+        """Declare gains and serial numbers; return the numbers of the drives."""
         robot = self.options.robot
         what = "position gain of every drive [N m/rad]"
         kp = declare(self, "kp", robot.servo.kp, what, 1.0, GREATEST_KP, read_only=False)
         what = "velocity gain of every drive [N m s/rad]"
         kd = declare(self, "kd", robot.servo.kd, what, 0.01, GREATEST_KD, read_only=False)
         ticks = round(self.options.command_timeout / graph.TICK_PERIOD)
-        return settings_of(robot, kp=kp, kd=kd, command_timeout_ticks=ticks)
+        serials = self._declare_serial_numbers()
+        return settings_of(robot, kp=kp, kd=kd, command_timeout_ticks=ticks, serial_numbers=serials)
+
+    def _declare_serial_numbers(self) -> tuple[int, ...]:
+        """Declare which drive belongs to which joint; raises ValueError."""
+        what = "serial numbers of the drives in joint order (0x1018:4), [] takes any"
+        given = declare(self, "serial_numbers", [], what)
+        count = len(self.options.robot.joint_names)
+        if given and (len(given) != count or not all(text.isdecimal() for text in given)):
+            raise ValueError(
+                f"parameter serial_numbers is {given!r}, it must be [] or {count} whole numbers"
+            )
+        return tuple(int(text) for text in given)
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Open the bus and write every drive's parameters."""

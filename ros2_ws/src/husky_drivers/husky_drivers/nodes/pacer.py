@@ -7,6 +7,7 @@ world's: the simulation brings a pacer for each bus, under the bus's name in the
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
 from importlib.metadata import entry_points
 from typing import Generic, Protocol, TypeVar
@@ -66,14 +67,37 @@ class Pacer(Protocol):
         """The cycle of a tick [ns] has ended, or the bridge is being closed."""
 
 
+class TickGrid:
+    """Stamps of ticks by a clock that never jumps: whole periods from a beginning.
+
+    Consumers of the joint states take a stamp that is not one period behind the last for a gap
+    (`husky_runtime.stamp_gate`), so a stamp must not carry how late its tick has begun. A tick that
+    is late by a period or more leaves out those that it has missed.
+    """
+
+    def __init__(self, steady_ns: int, wall_ns: int, period: int = graph.TICK_PERIOD_NS):
+        """Begin at a time of the steady clock, which is a time of the wall clock [ns]."""
+        self._steady_ns, self._wall_ns, self._period = steady_ns, wall_ns, period
+        self._tick = -1
+
+    def stamp(self, steady_ns: int) -> int:
+        """Return the stamp of the tick that begins now, later than the last [ns since 1970]."""
+        self._tick = max(self._tick + 1, (steady_ns - self._steady_ns) // self._period)
+        return self._wall_ns + self._tick * self._period
+
+
 class ClockPacer:
-    """The beat of real devices: the node's clock, every tick period."""
+    """The beat of real devices: this machine's steady clock, every tick period.
+
+    Stamps are wall time as it was at the start, which later corrections of the clock do not move.
+    """
 
     def __init__(self, node: LifecycleNode, cycle: BridgeCycle, bus: Bus | None = None):
         """Start the timer."""
+        grid = TickGrid(time.monotonic_ns(), time.time_ns())
 
         def begin() -> None:
-            cycle.begin(node.get_clock().now().nanoseconds)
+            cycle.begin(grid.stamp(time.monotonic_ns()))
 
         self.hot: list[Subscription] = []
         self.hot_timers = [node.create_timer(graph.TICK_PERIOD, begin)]

@@ -202,7 +202,7 @@ class SimulatedSegment:
         if not self._records[position]["away"]:
             self.drives[position].request_state(state)
 
-    def take_back(self, position: int, set_up: Callable[[], None]) -> None:
+    def take_back(self, position: int, set_up: Callable[[], object]) -> None:
         """Set a drive up from INIT to SAFEOP; raises OSError when it does not answer."""
         if self._records[position]["away"]:
             raise OSError(f"slave {position} does not answer at its place")
