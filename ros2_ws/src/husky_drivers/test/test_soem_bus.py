@@ -16,14 +16,14 @@ LOOPBACK = "lo"
 
 def may_open_raw_sockets():
     try:
-        check_interface(LOOPBACK)
+        check_interface(LOOPBACK, promiscuous=True)
     except PermissionError:
         return False
     return True
 
 
 needs_raw_sockets = pytest.mark.skipif(
-    not may_open_raw_sockets(), reason="raw sockets need the capability CAP_NET_RAW"
+    not may_open_raw_sockets(), reason="needs CAP_NET_RAW and CAP_NET_ADMIN"
 )
 
 
@@ -47,13 +47,20 @@ def test_a_segment_without_slaves_says_where_to_look():
     bus.close()
 
 
-def test_without_the_capability_it_says_how_to_get_it():
+@pytest.mark.parametrize(
+    ("promiscuous", "needed", "given"),
+    [
+        (False, "CAP_NET_RAW", "cap_net_raw"),
+        (True, "CAP_NET_RAW and CAP_NET_ADMIN", "cap_net_raw,cap_net_admin"),
+    ],
+)
+def test_without_a_capability_it_says_how_to_get_it(promiscuous, needed, given):
     """In a process that has given its privileges away, if it had any."""
     code = (
         "import os\n"
         "from husky_drivers.ethercat.interface import check_interface\n"
         "if os.getuid() == 0: os.setuid(65534)\n"
-        "check_interface('lo')\n"
+        f"check_interface('lo', promiscuous={promiscuous})\n"
     )
     done = subprocess.run(
         [sys.executable, "-c", code],
@@ -62,5 +69,5 @@ def test_without_the_capability_it_says_how_to_get_it():
         text=True,
     )
     last = done.stderr.strip().splitlines()[-1]
-    assert last.startswith("PermissionError: EtherCAT frames on lo need the capability CAP_NET_RAW")
-    assert "setcap cap_net_raw+ep" in last
+    assert last.startswith(f"PermissionError: EtherCAT frames on lo need {needed}: run as root")
+    assert f"sudo setcap {given}+ep" in last

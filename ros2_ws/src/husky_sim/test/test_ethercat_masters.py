@@ -24,6 +24,7 @@ ROBOT = load_robot()
 ZEROS = bytes(18 * 12)
 PATIENCE = 1.0
 """Wall time after which a frame counts as lost here [s]: longer than the machine can be busy."""
+ATTEMPTS = 5
 COMMAND = bytes(range(256)) + b"the end"
 """Does not fit into a mailbox of 140 bytes: goes up and down in segments."""
 
@@ -138,9 +139,23 @@ def test_a_drive_off_the_bus_is_named(drives, bus, master):
 
 
 def test_kickcat_brings_them_to_op_and_exchanges(drives):
-    """Written in C++ from the standard, with no line in common with SOEM."""
+    """Written in C++ from the standard, with no line in common with SOEM.
+
+    Its time-outs are by the wall clock, so on a busy machine a frame may be lost to it.
+    """
     kickcat = pytest.importorskip("kickcat")
-    drives.ask("clear")
+    for attempt in range(ATTEMPTS):
+        drives.ask("clear")
+        try:
+            bring_up_and_exchange(kickcat)
+            break
+        except RuntimeError:
+            if attempt == ATTEMPTS - 1:
+                raise
+    assert drives.ask("tell")["al"] == [[AlState.OP, 0]] * 12
+
+
+def bring_up_and_exchange(kickcat):
     link = kickcat.create_link("ecat0", "")
     link.set_timeout(timedelta(seconds=0.05))  # it lets each frame of the set-up take so long
     bus = kickcat.Bus(link)
@@ -166,7 +181,6 @@ def test_kickcat_brings_them_to_op_and_exchanges(drives):
     second = timedelta(seconds=1.0)
     name = bus.read_sdo(slaves[3], 0x1008, 0, kickcat.Access.PARTIAL, 64, second)
     assert name == b"Gold Twitter"
-    assert drives.ask("tell")["al"] == [[AlState.OP, 0]] * 12
 
 
 def bus_write(kickcat, bus, slave, index, subindex, data):
@@ -174,4 +188,5 @@ def bus_write(kickcat, bus, slave, index, subindex, data):
     running = kickcat.mailbox.request.MessageStatus.RUNNING
     while request.status() == running:
         bus.process_mailboxes()
-    assert request.status() == kickcat.mailbox.request.MessageStatus.SUCCESS
+    if request.status() != kickcat.mailbox.request.MessageStatus.SUCCESS:
+        raise RuntimeError(f"object 0x{index:04X}:{subindex} is not written: {request.status()}")

@@ -12,31 +12,54 @@ ETHERTYPE = 0x88A4
 _LISTEN = 0.02
 """Time in which the frames of another master would be heard [s]: 10 cycles of 2 ms."""
 _ETH_P_ALL = 0x0003
-_SIOCGIFFLAGS, _IFF_UP = 0x8913, 0x1
+_SIOCGIFFLAGS, _SIOCSIFFLAGS, _IFF_UP = 0x8913, 0x8914, 0x1
 
 
-def check_interface(name: str) -> None:
+def check_interface(name: str, *, promiscuous: bool = False) -> None:
     """Raise OSError, which says what to do, when no frame can be sent on a network interface.
 
-    PermissionError is one of them: raw sockets need the capability CAP_NET_RAW.
+    Args:
+        name: of the interface.
+        promiscuous: whether it is going to be made promiscuous, as SOEM does.
+
+    Raises:
+        PermissionError: one of the OSErrors: a capability is missing.
     """
+    needed = "CAP_NET_RAW and CAP_NET_ADMIN" if promiscuous else "CAP_NET_RAW"
     try:
-        probe = socket.socket(socket.AF_PACKET, socket.SOCK_RAW, socket.htons(ETHERTYPE))
+        flags = flags_of(name)
+        if promiscuous:
+            set_flags(name, flags)
     except PermissionError:
         raise PermissionError(
-            f"EtherCAT frames on {name} need the capability CAP_NET_RAW: run as root or in "
-            "scripts/wire.sh, or give it to Python: "
-            "sudo setcap cap_net_raw+ep $(readlink -f .venv/bin/python)"
+            f"EtherCAT frames on {name} need {needed}: run as root or in scripts/wire.sh, or give "
+            f"the capabilities to Python: sudo setcap {needed.lower().replace(' and ', ',')}+ep "
+            "$(readlink -f .venv/bin/python)"
         ) from None
-    with probe:
+    if not flags & _IFF_UP:
+        raise OSError(f"network interface {name} is down: sudo ip link set {name} up")
+
+
+def flags_of(name: str) -> int:
+    """Return the flags of a network interface; raises OSError, without CAP_NET_RAW as well."""
+    with socket.socket(socket.AF_PACKET, socket.SOCK_RAW, socket.htons(ETHERTYPE)) as probe:
         try:
-            request = struct.pack("16sH14x", name.encode()[:15], 0)
-            answer = fcntl.ioctl(probe, _SIOCGIFFLAGS, request)
+            answer = fcntl.ioctl(probe, _SIOCGIFFLAGS, struct.pack("16sH14x", _short(name), 0))
         except OSError:
             known = ", ".join(other for _, other in socket.if_nameindex())
             raise OSError(f"there is no network interface {name!r}; there are {known}") from None
-        if not struct.unpack_from("16xH", answer)[0] & _IFF_UP:
-            raise OSError(f"network interface {name} is down: sudo ip link set {name} up")
+    return int(struct.unpack_from("16xH", answer)[0])
+
+
+def set_flags(name: str, flags: int) -> None:
+    """Set the flags of a network interface; raises OSError, without CAP_NET_ADMIN as well."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as any_socket:
+        fcntl.ioctl(any_socket, _SIOCSIFFLAGS, struct.pack("16sH14x", _short(name), flags))
+
+
+def _short(name: str) -> bytes:
+    """Return a name as the kernel takes it."""
+    return name.encode()[:15]
 
 
 def claim_interface(name: str) -> socket.socket:

@@ -9,6 +9,7 @@ SYNC0.
 
 from __future__ import annotations
 
+import contextlib
 import socket
 import struct
 import threading
@@ -29,7 +30,12 @@ from husky_drivers.ethercat.bus import (
     Identity,
     SdoAbort,
 )
-from husky_drivers.ethercat.interface import check_interface, claim_interface
+from husky_drivers.ethercat.interface import (
+    check_interface,
+    claim_interface,
+    flags_of,
+    set_flags,
+)
 
 _FRAME_TIMES = (0.002, 0.05)
 """Range of the time after which a frame of the set-up counts as lost [s]: SOEM's own, and what
@@ -59,6 +65,7 @@ class SoemBus:
         self._slaves: Sequence[Any] = ()
         self._frames: _FrameThread | None = None
         self._lock: socket.socket | None = None  # of the interface
+        self._flags = 0  # of the interface, before SOEM has changed them
         self._registers: list[_Registers] = []  # of each slave as they were set up
         self._frame_time = 0  # after which a frame of the set-up counts as lost [us]
         self._has_clock = False
@@ -80,7 +87,7 @@ class SoemBus:
         """Scan the segment and bring its slaves to PREOP; raises OSError when there is none."""
         self._let_go()
         interface = self._options.interface
-        check_interface(interface)
+        check_interface(interface, promiscuous=True)
         try:
             import pysoem
         except ImportError as error:
@@ -89,7 +96,7 @@ class SoemBus:
                 "scripts/setup.sh installs it"
             ) from None
         self._pysoem = pysoem
-        self._lock = claim_interface(interface)
+        self._lock, self._flags = claim_interface(interface), flags_of(interface)
         longer = min(max(self._options.patience, _FRAME_TIMES[0]), _FRAME_TIMES[1])
         self._frame_time = round(longer * 1e6)
         pysoem.settings.timeouts.ret = self._frame_time
@@ -125,6 +132,8 @@ class SoemBus:
         if self._master is not None:
             self._master.close()
         if self._lock is not None:
+            with contextlib.suppress(OSError):  # it may be gone
+                set_flags(self._options.interface, self._flags)  # SOEM leaves it promiscuous
             self._lock.close()
         self._master, self._frames, self._slaves, self._lock = None, None, (), None
         self._clock = 0
