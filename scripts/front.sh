@@ -54,12 +54,15 @@ other_discovery() {
     done
 }
 
-# With `--bus soem` the nodes need an EtherCAT wire: the script starts again in a network that has one.
+# Starts the script again in a network that has an EtherCAT wire, unless it is in one.
+in_wired_network() { # arguments of the script
+    grep -q '^ *ecat0:' /proc/net/dev || exec "$root/scripts/wire.sh" "$0" "$@"
+}
+
+# With `--bus soem` the nodes need an EtherCAT wire.
 on_wire() { # arguments of the script
     case " $* " in
-        *" --bus soem "* | *" --bus=soem "*)
-            grep -q '^ *ecat0:' /proc/net/dev || exec "$root/scripts/wire.sh" "$0" "$@"
-            ;;
+        *" --bus soem "* | *" --bus=soem "*) in_wired_network "$@" ;;
     esac
 }
 

@@ -1,5 +1,6 @@
 """compose.yaml and Dockerfile without an engine: lint, and the same nodes as bringup starts."""
 
+import ipaddress
 import os
 import re
 import subprocess
@@ -15,7 +16,10 @@ from husky_runtime import graph
 ROOT = Path(__file__).resolve().parents[1]
 DOCKER = ROOT / "docker"
 PARAMETERS = ["--ros-args", "--params-file", "/run/husky/parameters.yaml"]
-PROFILES = ("sim", "tools", "test", "remote")
+PROFILES = ("sim", "tools", "test", "remote", "wire")
+WIRE = ("wire_bridge", "wire_segment", "wire_robot", "wire_operator")
+CAPABILITIES = {"wire_bridge": ["NET_RAW", "NET_ADMIN"], "wire_segment": ["NET_RAW"]}
+"""Of the services that have any."""
 
 
 def run(*command, **environment):
@@ -44,9 +48,9 @@ def services(composition):
     return composition["services"]
 
 
-def nodes(**options):
-    body = {graph.PLANT: {"body": "robot_with_unit"}}
-    return {spec.name: spec for spec in simulated_robot(settings=body, **options)}
+def nodes(bus="sim", **options):
+    settings = {graph.PLANT: {"body": "robot_with_unit", "bus": bus}}
+    return {spec.name: spec for spec in simulated_robot(settings=settings, **options)}
 
 
 def test_dockerfile_and_scripts():
@@ -94,7 +98,7 @@ def test_one_service_for_each_node_of_the_system(services):
     for name, spec in specs.items():
         assert found[name]["command"] == ros2_run(spec) + PARAMETERS, name
     others = set(services) - set(specs)
-    assert others == {"operator", "test", "tools", graph.RECORDER}
+    assert others == {"operator", "test", "tools", graph.RECORDER, *WIRE}
     recorder = nodes(record="x")[graph.RECORDER]
     assert services[graph.RECORDER]["command"] == ros2_run(recorder)
 
@@ -106,6 +110,8 @@ def test_profiles(services):
     assert services["operator"]["profiles"] == ["sim"]
     assert services["test"]["profiles"] == ["test"]
     assert services["tools"]["profiles"] == services[graph.RECORDER]["profiles"] == ["tools"]
+    for name in WIRE:
+        assert services[name]["profiles"] == ["wire"], name
 
 
 def test_whoever_needs_the_robot_waits_until_all_of_it_is_healthy(services):
@@ -123,10 +129,86 @@ def test_every_container_is_confined(services):
         assert service["cap_drop"] == ["ALL"], name
         assert service["security_opt"] == ["no-new-privileges:true"], name
         assert service["mem_limit"] and service["pids_limit"] and service["cpus"], name
-        assert list(service["networks"]) == ["robot"], name
+        assert service.get("cap_add", []) == CAPABILITIES.get(name, []), name
+        networks = {"robot", "ethercat"} if name in CAPABILITIES else {"robot"}
+        assert set(service["networks"]) == networks, name
+        assert service.get("user", "") == ("0:8000" if name in CAPABILITIES else ""), name
         assert "privileged" not in service and "ports" not in service, name
         mounts = {mount["type"] for mount in service.get("volumes", [])}
         assert mounts <= {"volume"}, f"{name} sees files of the host"
+
+
+def test_every_node_runs_once_in_the_profile_with_frames(services):
+    """The drives and their master by themselves, all others in one container."""
+    specs, ours = nodes("soem"), {}
+    for service, name in (
+        ("wire_bridge", graph.DRIVE_BRIDGE),
+        ("wire_segment", graph.DRIVE_SEGMENT),
+    ):
+        assert services[service]["command"] == ros2_run(specs[name]) + PARAMETERS
+        ours[service] = name
+    command = services["wire_robot"]["command"]
+    assert command[0] == "bringup"
+    assert sorted(command[1:]) == sorted(["--without"] * len(ours) + list(ours.values()))
+    for name in WIRE:
+        assert "plant.bus=soem" in services[name]["environment"]["HUSKY_SETTINGS"].split(), name
+    waits = services["wire_operator"]["depends_on"]
+    assert set(waits) == set(WIRE) - {"wire_operator"}
+    assert {how["condition"] for how in waits.values()} == {"service_healthy"}
+
+
+def test_frames_pass_between_two_containers_alone(composition, services):
+    """A private network with a fixed address for each end; nodes find its interface by it."""
+    network = composition["networks"]["ethercat"]
+    assert network["driver"] == "macvlan", "a Linux bridge drops frames of SOEM"
+    assert network["internal"] is True
+    subnet = ipaddress.ip_network(network["ipam"]["config"][0]["subnet"])
+    ends = [services[name]["networks"]["ethercat"]["ipv4_address"] for name in CAPABILITIES]
+    assert len(set(ends)) == 2 and {ipaddress.ip_address(end) in subnet for end in ends} == {True}
+    for name in CAPABILITIES:
+        told = services[name]["environment"]["HUSKY_ETHERCAT"]
+        assert ipaddress.ip_address(told) == subnet.network_address, name
+
+
+def test_no_second_master(composition, services):
+    """The engine gives an address and a name once: also the name of the other profile's master."""
+    bridge = services["wire_bridge"]
+    assert bridge["networks"]["ethercat"]["ipv4_address"]
+    assert bridge["container_name"] == f"{composition['name']}-{graph.DRIVE_BRIDGE}-1"
+
+
+@pytest.mark.parametrize(("network", "code"), [("127.0.0.0", 0), ("192.0.2.0", 1)])
+def test_the_entry_point_finds_the_interface(tmp_path, network, code):
+    """A copy with this tree in place of the image's, and a routing table of its own."""
+    routes = tmp_path / "route"
+    routes.write_text("Iface\tDestination\tGateway\neth0\t00000000\t010012AC\neth1\t0000007F\t0\n")
+    entry = (DOCKER / "entrypoint.sh").read_text("utf-8")
+    script = tmp_path / "entrypoint.sh"
+    script.write_text(
+        entry.replace("/opt/husky", str(ROOT)).replace("/proc/net/route", str(routes))
+    )
+    parameters = tmp_path / "parameters.yaml"
+    told = {
+        "HUSKY_ETHERCAT": network,
+        "HUSKY_TIME": "lockstep",
+        "HUSKY_SETTINGS": "plant.bus=soem",
+        "HUSKY_PARAMETERS": str(parameters),
+    }
+    done = subprocess.run(
+        ["bash", str(script), "true"],
+        env={**os.environ, **told},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert done.returncode == code, done.stderr
+    if code:
+        assert done.stderr == f"error: no network interface leads into HUSKY_ETHERCAT={network}\n"
+        return
+    written = yaml.safe_load(parameters.read_text("utf-8"))
+    for name in (graph.DRIVE_BRIDGE, graph.DRIVE_SEGMENT):
+        assert written[name]["ros__parameters"]["interface"] == "eth1", name
 
 
 def test_the_environment_says_domain_time_and_settings(services):

@@ -10,6 +10,7 @@ from typing import Any
 import console
 import control
 import drives
+import ethercat
 import loop
 import mavlink
 import plan
@@ -24,6 +25,7 @@ BENCHES: dict[str, Callable[[list[str]], dict[str, Any]]] = {
     "plant": plant.bench,
     "control": control.bench,
     "drives": drives.bench,
+    "ethercat": ethercat.bench,
     "mavlink": mavlink.bench,
     "console": console.bench,
 }
