@@ -43,6 +43,8 @@ _RATE = 0.2
 _PATIENCE = 240.0
 """Wall time after which nothing more is expected [s]."""
 _ATTEMPTS = 5
+_RECOVERY = 0.6 / _RATE
+"""Wall time in which drives that have left OP come back: every 0.5 s by their clock [s]."""
 _ENDS = ("stand", "damping", "emergency_stop")
 """Modes in which standing up ends, well or not."""
 _ROBOTS_OWN = (graph.DRIVE_BRIDGE, graph.VN200_DRIVER, graph.LOW_LEVEL_CONTROLLER)
@@ -105,7 +107,7 @@ def clock(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def world(clock, tmp_path_factory) -> Iterator[tuple[Ear, Path]]:
-    """What is at the far end of the wires: an ear in its domain, and the file that names them."""
+    """Run the far end of the wires; yield an ear in its domain, and the file that names them."""
     directory = tmp_path_factory.mktemp("world")
     with own_network(), held_domain("the world's") as domain:
         settings = {graph.PLANT: {"bus": "soem", "catch_up": 1.0, "seed": 1}}
@@ -196,7 +198,7 @@ def enable(robot: Ear) -> None:
         print(f"not enabled: {answer.message}")
         if "not off" not in answer.message:
             robot.call(Trigger, graph.DRIVES_RESET_FAULTS)
-        time.sleep(3.0)
+        time.sleep(_RECOVERY)
     robot.heard.pop(graph.DRIVES_STATUS, None)
     robot.until(lambda: reason_of(robot) not in ("unheard", "enabling"), "enabled drives")
 

@@ -36,7 +36,9 @@ def devices_of(hardware: Hardware) -> list[Device]:
     devices = [
         Device(
             f"drives on {drives['interface']}",
-            lambda: probe_drives(hardware.robot, drives["interface"], patience),
+            lambda: probe_drives(
+                hardware.robot, drives["interface"], patience, drives["serial_numbers"]
+            ),
         ),
         Device(f"vn200 on {imu['port']}", lambda: probe_vn200(imu["port"], imu["baud"])),
     ]

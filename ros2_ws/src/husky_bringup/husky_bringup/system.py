@@ -114,13 +114,9 @@ def simulated_robot(
     plant = settings.get(graph.PLANT, {})
     body, robot = str(plant.get("body", "robot")), robot_path(str(plant.get("robot", ROBOTS[0])))
     bus = str(plant.get("bus", graph.BUSES[0]))
-    for name, value, allowed in (
-        ("time", time, TIMES),
-        ("body", body, graph.BODIES),
-        ("bus", bus, graph.BUSES),
-    ):
-        if value not in allowed:
-            raise ValueError(f"{name} is {value!r}, it must be one of {', '.join(allowed)}")
+    _check_word("time", time, TIMES)
+    _check_word("body", body, graph.BODIES)
+    _check_word("bus", bus, graph.BUSES)
     if "robot" in plant:
         settings = {**settings, graph.PLANT: {**plant, "robot": robot}}
     numbers = load_robot(robot)
@@ -145,6 +141,11 @@ def simulated_robot(
     if console:
         specs.append(NodeSpec("husky_bringup", graph.CONSOLE))
     return with_settings(specs, settings)
+
+
+def _check_word(name: str, value: str, allowed: Sequence[str]) -> None:
+    if value not in allowed:
+        raise ValueError(f"{name} is {value!r}, it must be one of {', '.join(allowed)}")
 
 
 def with_settings(

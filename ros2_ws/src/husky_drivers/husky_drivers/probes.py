@@ -10,10 +10,11 @@ from __future__ import annotations
 import select
 import termios
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 from husky_description.robot import Robot
+from husky_drivers.ethercat import objects as od
 from husky_drivers.ethercat.bus import GOLD_TWITTER, AlState, Bus, BusOptions, SdoAbort
 from husky_drivers.ethercat.soem_bus import SoemBus
 from husky_drivers.t265.backend import BackendError
@@ -26,7 +27,7 @@ from husky_drivers.vn200.requests import Request
 from husky_drivers.vn200.stream import StreamParser
 from husky_runtime.ports.serial_line import SerialPort, open_serial, read_bytes
 
-_DEVICE_NAME, _SERIAL_NUMBER = (0x1008, 0), (0x1018, 4)
+_DEVICE_NAME = 0x1008
 _SCAN_PATIENCE, _ANSWER_PATIENCE = 3.0, 0.5
 """Wall time for the baud rate of a VN-200 to be found, and for one answer [s]."""
 _DWELL = 0.04
@@ -48,25 +49,28 @@ class ProbeResult(NamedTuple):
 
 
 # EtherCAT ---------------------------------------------------------------------------------------
-def probe_drives(robot: Robot, interface: str, patience: float) -> ProbeResult:
+def probe_drives(
+    robot: Robot, interface: str, patience: float, serial_numbers: Sequence[int] = ()
+) -> ProbeResult:
     """Ask every slave of a segment for its identity; leave all of them in INIT.
 
     Args:
         robot: whose joints the drives move.
         interface: network interface.
         patience: time after which a frame counts as lost [s].
+        serial_numbers: that the drives must have, joint after joint; () takes any.
     """
     bus: Bus = SoemBus(robot, BusOptions(interface, patience))
     try:
         bus.open()
-        return _identify(bus, robot)
+        return _identify(bus, robot, serial_numbers)
     except OSError as error:
         return ProbeResult((), str(error))
     finally:
         bus.close()
 
 
-def _identify(bus: Bus, robot: Robot) -> ProbeResult:
+def _identify(bus: Bus, robot: Robot, serial_numbers: Sequence[int]) -> ProbeResult:
     """Describe the slaves of an open segment, and name what is wrong with them."""
     count, names = bus.slave_count, robot.joint_names
     found, problems = [f"{count} slaves answer"], []
@@ -84,19 +88,22 @@ def _identify(bus: Bus, robot: Robot) -> ProbeResult:
             problems.append(f"{joint} is no Gold Twitter")
         elif al.status != AlState.PREOP:
             problems.append(f"{joint} is in {al.state} instead of PREOP ({al.reason})")
+        wanted = serial_numbers[position] if position < len(serial_numbers) else serial
+        if serial != str(wanted):
+            problems.append(f"{joint} has serial number {serial}, it must be {wanted}")
     return ProbeResult(tuple(found), "; ".join(problems))
 
 
 def _text(bus: Bus, position: int) -> str:
     try:
-        return bus.sdo_read(position, *_DEVICE_NAME).decode("ascii", "replace").rstrip("\0 ")
+        return bus.sdo_read(position, _DEVICE_NAME).decode("ascii", "replace").rstrip("\0 ")
     except SdoAbort as abort:
         return f"no device name ({abort})"
 
 
 def _serial_number(bus: Bus, position: int) -> str:
     try:
-        value = bus.sdo_read(position, *_SERIAL_NUMBER)
+        value = bus.sdo_read(position, od.SERIAL_NUMBER.index, od.SERIAL_NUMBER.subindex)
     except SdoAbort:
         return "unknown"
     return str(int.from_bytes(value, "little"))

@@ -1,4 +1,4 @@
-"""What hard real time lacks, by made-up files of /proc and /sys."""
+"""Find what hard real time lacks in made-up files of /proc and /sys."""
 
 import os
 

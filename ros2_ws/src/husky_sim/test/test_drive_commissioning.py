@@ -9,7 +9,7 @@ from husky_description.robot import load_robot
 from husky_drivers.ethercat import objects as od
 from husky_drivers.ethercat.axes import settings_of
 from husky_drivers.ethercat.bus import NO_OBJECT, AlState, SdoAbort
-from husky_drivers.ethercat.commissioning import DriveError, guards, parameters
+from husky_drivers.ethercat.commissioning import DriveError, guards, parameters, recover
 from husky_drivers.ethercat.master import Master
 from husky_drivers.ethercat.pdo import mapped
 from husky_sim.devices.drives.segment import SimulatedSegment
@@ -90,6 +90,23 @@ def test_drives_are_told_apart_by_their_serial_numbers():
     master = Master(SimulatedSegment(ROBOT), settings_of(ROBOT, serial_numbers=swapped), ROBOT)
     with pytest.raises(DriveError, match=f"{NAME}: the drive has serial number 4, it must be 5"):
         master.configure()
+
+
+def test_a_drive_that_was_exchanged_while_it_had_no_power_is_not_taken_back():
+    segment, settings = SimulatedSegment(ROBOT), settings_of(ROBOT, serial_numbers=range(1, 13))
+    master = Master(segment, settings, ROBOT)
+    master.configure()
+    master.start()
+    segment.inject(NAME, "unpowered")
+    segment.clear()
+    assert segment.al_states()[AXIS].status == AlState.INIT
+    serial = next(entry for entry in segment.drives[AXIS]._fixed if entry == od.SERIAL_NUMBER)
+    segment.drives[AXIS]._fixed[serial] = 99
+    assert f"{NAME}: the drive has serial number 99, it must be 4" in recover(segment, settings)
+    assert segment.al_states()[AXIS].status == AlState.PREOP
+    segment.drives[AXIS]._fixed[serial] = 4
+    assert recover(segment, settings) == ""
+    assert {al.status for al in segment.al_states()} == {AlState.OP}
 
 
 @pytest.mark.parametrize("entry", SAVED, ids=lambda entry: entry.name)

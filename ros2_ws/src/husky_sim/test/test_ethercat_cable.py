@@ -18,12 +18,6 @@ HEAD = b"\xff" * 12 + b"\x88\xa4"
 
 
 @pytest.fixture(scope="module")
-def network():
-    with own_network():
-        yield
-
-
-@pytest.fixture(scope="module")
 def soem(network):
     """Return a master of SOEM with the drives in SAFEOP."""
     pysoem = pytest.importorskip("pysoem")

@@ -11,8 +11,6 @@ import threading
 import numpy as np
 import pytest
 from ethercat_line import AL_CONTROL, B_READ, B_WRITE, L_BOTH, frame_of
-from own_network import own_network
-from wired_drives import far_side
 
 from husky_description.robot import load_robot
 from husky_drivers.cia402 import DriveState, OperationMode
@@ -23,6 +21,7 @@ from husky_drivers.ethercat.interface import ETHERTYPE
 from husky_drivers.ethercat.master import Master
 from husky_drivers.ethercat.soem_bus import SoemBus
 from husky_drivers.joint_master.phase import Phase
+from husky_drivers.probes import probe_drives
 
 ROBOT = load_robot()
 NAMES = ROBOT.joint_names
@@ -111,18 +110,6 @@ class Rig:
         self.until(Phase.OFF, 300)
         self.tick()
         assert self.master.exchange(), self.master.reason
-
-
-@pytest.fixture(scope="module")
-def network():
-    with own_network():
-        yield
-
-
-@pytest.fixture(scope="module")
-def drives(network):
-    with far_side() as drives:
-        yield drives
 
 
 @pytest.fixture(scope="module")
@@ -386,6 +373,18 @@ def test_drives_in_another_order(alone):
     assert configured(serial_numbers=serials) == (
         f"{NAMES[1]}: the drive has serial number 2, it must be 3"
     )
+
+
+def test_the_check_before_a_start_knows_the_order_too(alone):
+    serials = (1, 3, 2, *range(4, 13))
+    found, problem = probe_drives(ROBOT, "ecat0", PATIENCE, serials)
+    assert found[0] == "12 slaves answer" and found[2].startswith(f"{NAMES[1]}: Gold Twitter")
+    assert problem == (
+        f"{NAMES[1]} has serial number 2, it must be 3; "
+        f"{NAMES[2]} has serial number 3, it must be 2"
+    )
+    assert probe_drives(ROBOT, "ecat0", PATIENCE, range(1, 13)).problem == ""
+    assert alone.ask("tell")["al"] == [[AlState.INIT, 0]] * COUNT
 
 
 def test_another_device_in_a_drive_s_place(alone):

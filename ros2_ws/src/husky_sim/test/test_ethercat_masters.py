@@ -8,8 +8,6 @@ import struct
 from datetime import timedelta
 
 import pytest
-from own_network import own_network
-from wired_drives import far_side
 
 from husky_description.robot import load_robot
 from husky_drivers.ethercat import objects as od
@@ -27,18 +25,6 @@ PATIENCE = 1.0
 ATTEMPTS = 5
 COMMAND = bytes(range(256)) + b"the end"
 """Does not fit into a mailbox of 140 bytes: goes up and down in segments."""
-
-
-@pytest.fixture(scope="module")
-def network():
-    with own_network():
-        yield
-
-
-@pytest.fixture(scope="module")
-def drives(network):
-    with far_side() as drives:
-        yield drives
 
 
 @pytest.fixture

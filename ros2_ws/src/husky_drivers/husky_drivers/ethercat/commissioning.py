@@ -121,7 +121,6 @@ def commission(bus: Bus, settings: AxisSettings) -> list[SettingChange]:
         identity = bus.identity(axis)
         if (identity.vendor, identity.product) != (GOLD_TWITTER.vendor, GOLD_TWITTER.product):
             raise DriveError(f"{name}: {identity} is not a Gold Twitter")
-        _check_serial_number(bus, settings, axis)
         changes += _set_up(bus, settings, axis)
     bus.bring_to(AlState.SAFEOP)
     check_al_states(bus, settings, AlState.SAFEOP)
@@ -142,7 +141,8 @@ def _check_serial_number(bus: Bus, settings: AxisSettings, axis: int) -> None:
 
 
 def _set_up(bus: Bus, settings: AxisSettings, axis: int) -> list[SettingChange]:
-    """Set what a drive holds, in PREOP; raises DriveError, which names the joint."""
+    """Set what the joint's own drive holds, in PREOP; raises DriveError, which names the joint."""
+    _check_serial_number(bus, settings, axis)
     changes: list[SettingChange] = []
     try:
         changes += _set_mappings(bus, axis)

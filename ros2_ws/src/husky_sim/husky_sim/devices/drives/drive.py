@@ -514,5 +514,5 @@ def _number(fault: str, text: str, base: int) -> int:
         number = 0
     if not 0 < number <= 0xFFFF:
         kind = "hexadecimal, 1 to FFFF" if base == 16 else "1 to 65535"
-        raise ValueError(f"{fault!r}: the code must be {kind}")
+        raise ValueError(f"{fault!r}: the number must be {kind}")
     return number

@@ -93,7 +93,7 @@ class SyncManager(NamedTuple):
 
     @property
     def watched(self) -> bool:
-        """Whether writing it feeds the process data watchdog."""
+        """True if writing it feeds the process data watchdog."""
         return bool(self.control & 0x40)
 
     @property
@@ -416,7 +416,7 @@ class SlaveController:
 
     @property
     def operates(self) -> bool:
-        """Whether the drive is in OP and takes outputs."""
+        """True if the drive is in OP and takes outputs."""
         return int(self._drive.record["al_status"]) == _OP
 
     def _show_state(self) -> None:
