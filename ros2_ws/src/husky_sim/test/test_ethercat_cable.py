@@ -9,8 +9,8 @@ from wired_drives import far_side
 
 from husky_drivers.ethercat import objects as od
 from husky_drivers.ethercat.pdo import RX_ASSIGNMENT, TX_ASSIGNMENT
+from husky_sim.devices.ethercat.clocks import HOP
 from husky_sim.devices.ethercat.raw_port import RawPort
-from husky_sim.devices.ethercat.slave_controller import HOP
 
 COUNT = 12
 PATIENCE = 1_000_000  # us; a frame takes 0.1 ms, a busy machine longer

@@ -5,9 +5,12 @@ import struct
 import numpy as np
 import pytest
 from ethercat_line import (
+    AL_CONTROL,
+    AP_WRITE,
     B_READ,
     B_WRITE,
     FIRST_STATION,
+    FP_MULTIPLE,
     IN,
     L_BOTH,
     L_READ,
@@ -15,6 +18,7 @@ from ethercat_line import (
     OUT,
     RX_ASSIGNMENT,
     TX_ASSIGNMENT,
+    VOLTS,
     Line,
     frame_of,
     od,
@@ -26,6 +30,8 @@ from husky_drivers.cia402 import DriveState
 from husky_drivers.ethercat import pdo
 from husky_drivers.ethercat.bus import AlState
 from husky_sim.devices.drives.segment import SimulatedSegment
+from husky_sim.devices.ethercat.cyclic_frame import CyclicFrame
+from husky_sim.devices.ethercat.wired_segment import Frame
 
 TICKS = 300
 FAULTS = ("sto", "silent", "fault:7300", "disturbed_timing", "fault:8611")
@@ -126,6 +132,81 @@ def test_it_equals_the_bus_in_the_process(by_frame):
         counts.add(counter)
     assert {DriveState.OPERATION_ENABLED, DriveState.FAULT} <= seen
     assert 3 * line.count in counts and len(counts) > 2
+
+
+TIME_FROM = FIRST_STATION + 5
+EVENTS = {
+    "sto": (),
+    "fault:7300": (),
+    "silent": (),
+    "cut": (),
+    "clock set": ((5, TIME_FROM, 0x0920, struct.pack("<qI", -(10**9), 77)),),
+    "two of one station": ((AP_WRITE, -7, 0x0010, struct.pack("<H", TIME_FROM)),),
+    "one again": ((AP_WRITE, -7, 0x0010, struct.pack("<H", FIRST_STATION + 7)),),
+    "no frame for 0.1 s": (),
+    "op": ((B_WRITE, 0, AL_CONTROL, b"\x18\0"),),
+    "outputs unmapped": ((5, FIRST_STATION + 6, 0x060C, b"\0"),),
+    "safeop": ((5, FIRST_STATION + 2, AL_CONTROL, b"\x14\0"),),
+}
+"""Frames, or a fault, after which the frame of every cycle may lead elsewhere."""
+
+
+def disturb(line, event):
+    """Let an event happen that ends the one before."""
+    line.segment.clear()
+    if EVENTS[event]:
+        line.send(*EVENTS[event])
+    elif event == "no frame for 0.1 s":
+        for _ in range(50):
+            line.tick()
+        assert line.states() == [0x14] * line.count
+    else:
+        line.segment.inject(JOINTS[event == "cut"], event)
+
+
+@pytest.mark.parametrize("overlapping", [False, True])
+def test_the_frame_of_every_cycle_passes_as_any_other(monkeypatch, overlapping):
+    """Bytes, drives and clocks are those of a line that takes each frame datagram by datagram."""
+    rng = np.random.default_rng(11)
+    drifts = rng.normal(0.0, 50.0, 12)
+    lines = known, other = Line(drifts), Line(drifts)
+    other.wired._learn = lambda frame: None
+    passed, whole = [], CyclicFrame.pass_frame
+
+    def pass_frame(self, frame, now):
+        passed.append(whole(self, frame, now))
+        return passed[-1]
+
+    monkeypatch.setattr(CyclicFrame, "pass_frame", pass_frame)
+    for line in lines:
+        line.bring_to_op(overlapping=overlapping)
+    image = pdo.ProcessImage(pdo.RX, 12)
+    size = IN * 12 if overlapping else (OUT + IN) * 12
+    for tick in range(20 * len(EVENTS)):
+        motion = rng.integers(-(2**20), 2**20, (2, 12), np.int32), rng.normal(0.0, 10.0, 12)
+        event = list(EVENTS)[tick // 20] if tick % 20 == 9 else ""
+        random_outputs(rng, image.fields)
+        width = IN if overlapping else OUT
+        rows = [bytes(row).ljust(width, b"\0") for row in image.fields]
+        data = b"".join(rows).ljust(size, b"\0")
+        time = (FP_MULTIPLE, TIME_FROM, 0x0910, rng.bytes(4 + tick // 20 % 5))
+        parts = [(L_BOTH, 0, 0, data), time][: 2 if tick < 180 else 1]
+        frames, kinds = [frame_of(*parts) for _ in lines], set()
+        for line, frame in zip(lines, frames, strict=True):
+            line.time_ns += int(2e6)
+            line.segment.set_servo_state(*motion[0], motion[1], VOLTS)
+            if event:
+                disturb(line, event)
+            frame[17] = tick & 0xFF
+            kinds.add(line.wired.pass_frame(frame))
+        assert kinds == {Frame.CYCLIC} or line.states() == [0x14] * 12
+        assert frames[0] == frames[1]
+        for ours, theirs in (
+            (known.segment.records, other.segment.records),
+            (known.wired._clocks.records, other.wired._clocks.records),
+        ):
+            assert ours.tobytes() == theirs.tobytes()
+    assert passed.count(True) > 100 and passed.count(False) >= 3
 
 
 def test_in_safeop_drives_give_inputs_and_take_nothing():

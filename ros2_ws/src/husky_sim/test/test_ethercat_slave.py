@@ -26,8 +26,8 @@ from ethercat_line import (
 )
 
 from husky_drivers.ethercat.bus import GOLD_TWITTER
+from husky_sim.devices.ethercat.clocks import HOP
 from husky_sim.devices.ethercat.sii import checksum, eeprom_image
-from husky_sim.devices.ethercat.slave_controller import HOP
 
 INIT, PREOP, BOOT, SAFEOP, OP, ERROR = 1, 2, 3, 4, 8, 0x10
 

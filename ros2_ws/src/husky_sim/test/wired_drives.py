@@ -39,7 +39,7 @@ class FarSide:
     def on_frame(self, frame: bytearray) -> list[bytearray]:
         with self.lock:
             self.frames += 1
-            return self.cable.pass_frame(frame, cyclic=self.wired.is_cyclic(frame))
+            return self.cable.pass_frame(frame)[0]
 
     def do(self, what: str, *words: str) -> Any:
         """Do what a line asks for: tick N, inject JOINT FAULT, clear, or tell."""

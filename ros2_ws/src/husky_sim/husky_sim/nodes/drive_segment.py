@@ -31,7 +31,7 @@ from husky_runtime.nodes.run import run
 from husky_sim.devices.drives.segment import SimulatedSegment
 from husky_sim.devices.ethercat.cable import TARGET, Cable
 from husky_sim.devices.ethercat.raw_port import RawPort
-from husky_sim.devices.ethercat.wired_segment import WiredSegment
+from husky_sim.devices.ethercat.wired_segment import Frame, WiredSegment
 from husky_sim.nodes.drive_pacer import PlantPacer
 
 
@@ -86,23 +86,22 @@ class DriveSegment(OneClock, Node):
         """Answer a frame now, or hold it until its tick begins; return the answers."""
         with self._lock:
             self._pass_held()  # frames on a cable do not overtake one another
-            cyclic = self._wired.is_cyclic(frame)
-            if cyclic and self.lockstep and not self._takes_frame:
+            if self.lockstep and not self._takes_frame and self._wired.is_cyclic(frame):
                 self._held = frame
                 return []
-            return self._pass(frame, cyclic=cyclic)
+            return self._pass(frame)
 
     def _pass_held(self) -> None:
         held, self._held = self._held, None
         if held is not None:
-            for answer in self._pass(held, cyclic=True):
+            for answer in self._pass(held):
                 self._port.send(answer)
 
-    def _pass(self, frame: bytearray, *, cyclic: bool) -> Sequence[bytearray]:
+    def _pass(self, frame: bytearray) -> Sequence[bytearray]:
         """Pass a frame through the drives; return what comes back."""
-        answers = self._cable.pass_frame(frame, cyclic=cyclic)
+        answers, kind = self._cable.pass_frame(frame)
         self._frames += 1
-        if cyclic:
+        if kind is Frame.CYCLIC:
             self._takes_frame = False
             if self._owes and not self.lockstep:
                 self._tell_plant()

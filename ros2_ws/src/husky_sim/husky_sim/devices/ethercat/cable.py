@@ -10,7 +10,7 @@ from collections import deque
 from collections.abc import Callable
 
 from husky_sim.devices.ethercat.frames import HEADER, datagrams
-from husky_sim.devices.ethercat.wired_segment import WiredSegment
+from husky_sim.devices.ethercat.wired_segment import Frame, WiredSegment
 
 TARGET = "cable"
 """Name by which faults are injected here and not into a drive."""
@@ -65,24 +65,25 @@ class Cable:
         self._fault, self._left = "", 0
         self._late.clear()
 
-    def pass_frame(self, frame: bytearray, *, cyclic: bool) -> list[bytearray]:
-        """Pass an Ethernet frame through the drives, in place; return what comes back.
+    def pass_frame(self, frame: bytearray) -> tuple[list[bytearray], Frame]:
+        """Pass an Ethernet frame through the drives, in place.
 
-        Args:
-            frame: from the Ethernet header on.
-            cyclic: whether it has process data of a drive in OP.
+        Returns:
+            The frames that come back, and the kind of this one.
         """
-        if not self._wired.pass_frame(frame):
-            return []
+        kind = self._wired.pass_frame(frame)
+        if kind is Frame.FOREIGN:
+            return [], kind
         answers = [frame]
         if self._late:
             answers, self._late = [*self._late, frame], []
+        cyclic = kind is Frame.CYCLIC
         if cyclic:
-            self._before.append(bytearray(frame))
+            self._before.append(frame)
         if self._left and cyclic != (self._fault == "set_up_lost"):
             self._left -= 1
             answers[-1:] = self._changes[self._fault](frame)
-        return answers
+        return answers, kind
 
     def _hold(self, frame: bytearray) -> list[bytearray]:
         self._late.append(frame)
@@ -98,14 +99,16 @@ class Cable:
 
 def _corrupt(frame: bytearray) -> list[bytearray]:
     """Return a frame whose first datagram has another command and length."""
-    frame[HEADER] ^= 0xFF
-    frame[HEADER + 6] ^= 0xFF
-    return [frame]
+    changed = bytearray(frame)
+    changed[HEADER] ^= 0xFF
+    changed[HEADER + 6] ^= 0xFF
+    return [changed]
 
 
 def _count_less(frame: bytearray) -> list[bytearray]:
     """Return a frame whose process data has a working counter that is 1 too low."""
+    changed = bytearray(frame)
     counter = next(iter(datagrams(frame))).end
     value = int.from_bytes(frame[counter : counter + 2], "little")
-    frame[counter : counter + 2] = max(0, value - 1).to_bytes(2, "little")
-    return [frame]
+    changed[counter : counter + 2] = max(0, value - 1).to_bytes(2, "little")
+    return [changed]

@@ -18,6 +18,8 @@ _ETHERTYPE_BYTES = struct.pack(">H", ETHERTYPE)
 HEADER = 16
 """Bytes before the first datagram."""
 DATAGRAM_HEADER = 10
+RETURNED = 0x02
+"""Bit of the source address of a frame that slaves have processed."""
 _LENGTH, _MORE = 0x07FF, 0x8000
 _HEAD = struct.Struct("<BxHHH")
 _WORD = struct.Struct("<H")
@@ -76,6 +78,12 @@ class Controller(Protocol):
         """Write bytes into the memory; return whether they can be written now."""
 
 
+Follow = Callable[[int, int, memoryview], tuple[int, int]]
+"""Command, address of a slave and data of a datagram that hands a system time to all slaves behind
+the one that it reads, to the address as it leaves and what all slaves count."""
+SYSTEM_TIME = 0x0910
+"""Register of the system time."""
+
 Logical = Callable[[int, int, memoryview], int]
 """Command, logical address and data of a datagram, changed in place, to what all slaves count."""
 
@@ -103,7 +111,9 @@ def datagrams(frame: bytes | bytearray) -> Iterator[Datagram]:
         header, more = end + 2, bool(length & _MORE)
 
 
-def pass_frame(frame: bytearray, line: Sequence[Controller], logical: Logical) -> bool:
+def pass_frame(
+    frame: bytearray, line: Sequence[Controller], logical: Logical, follow: Follow
+) -> bool:
     """Pass a frame through a line of slaves and mark it as one that comes back.
 
     Args:
@@ -111,6 +121,7 @@ def pass_frame(frame: bytearray, line: Sequence[Controller], logical: Logical) -
             fit stays as it is.
         line: the slaves in the order in which the frame reaches them.
         logical: processes a datagram with a logical address.
+        follow: processes one that hands on a system time.
 
     Returns:
         False for a frame that is not EtherCAT, which is left alone.
@@ -124,13 +135,16 @@ def pass_frame(frame: bytearray, line: Sequence[Controller], logical: Logical) -
                 count = logical(command, address, view[data:end])
             elif command == _NOP or command > _FRMW:
                 continue
+            elif command >= _ARMW and address >> 16 == SYSTEM_TIME and end - data >= 4:
+                slave, count = follow(command, address & 0xFFFF, view[data:end])
+                _WORD.pack_into(frame, header + 2, slave)
             else:
                 slave, count = _physical(command, address, view[data:end], line)
                 _WORD.pack_into(frame, header + 2, slave)
             if count:
                 count += _WORD.unpack_from(frame, end)[0]
                 _WORD.pack_into(frame, end, count & 0xFFFF)
-    frame[6] |= 0x02
+    frame[6] |= RETURNED
     return True
 
 

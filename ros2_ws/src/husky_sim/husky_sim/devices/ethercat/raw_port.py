@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import errno
-import os
-import select
 import socket
+import struct
 import threading
 from collections.abc import Callable, Sequence
 
@@ -14,7 +13,8 @@ from husky_drivers.ethercat.interface import ETHERTYPE, check_interface
 SHORTEST = 60
 """Bytes of the shortest Ethernet frame, without its checksum."""
 _LONGEST = 2048
-_PACKET_OUTGOING = 4
+_LOOK_PERIOD = struct.pack("ll", 0, 100_000)
+"""Wall time after which the thread looks whether it shall end, as a timeval: 0.1 s."""
 
 
 class RawPort:
@@ -35,7 +35,8 @@ class RawPort:
         self._on_frame = on_frame
         self._socket = socket.socket(socket.AF_PACKET, socket.SOCK_RAW, socket.htons(ETHERTYPE))
         self._socket.bind((interface, ETHERTYPE))
-        self._wake = os.eventfd(0)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, _LOOK_PERIOD)
+        self._closed = False
         self._thread = threading.Thread(
             target=self._receive, name=f"EtherCAT on {interface}", daemon=True
         )
@@ -51,27 +52,20 @@ class RawPort:
 
     def close(self) -> None:
         """Stop the thread and close the socket."""
-        os.eventfd_write(self._wake, 1)
+        self._closed = True
         self._thread.join()
         self._socket.close()
-        os.close(self._wake)
 
     def _receive(self) -> None:
-        ready = select.poll()
-        ready.register(self._socket, select.POLLIN)
-        ready.register(self._wake, select.POLLIN)
         buffer = bytearray(_LONGEST)
-        while True:
-            if any(descriptor == self._wake for descriptor, _ in ready.poll()):
-                return
+        while not self._closed:
             try:
-                length, source = self._socket.recvfrom_into(buffer)
+                length = self._socket.recv_into(buffer)
+            except BlockingIOError:  # nothing has come for a while
+                continue
             except OSError as error:
                 if error.errno == errno.ENETDOWN:  # told once; the interface may come back
                     continue
                 raise
-            if source[2] == _PACKET_OUTGOING:
-                continue
-            frame = buffer[:length]
-            for answer in self._on_frame(frame):
+            for answer in self._on_frame(buffer[:length]):
                 self.send(answer)

@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 from husky_drivers.ethercat.bus import AL_ERROR, GOLD_TWITTER, AlState
 from husky_sim.devices.drives.drive import INVALID_INPUTS, INVALID_OUTPUTS, SimulatedDrive
+from husky_sim.devices.ethercat.clocks import Clocks
 from husky_sim.devices.ethercat.mailbox import CoeServer
 from husky_sim.devices.ethercat.sii import eeprom_image
 
@@ -38,13 +39,6 @@ _INIT, _PREOP, _SAFEOP, _OP = (int(state) for state in AlState)
 _SHORTEST_MAILBOX = 34
 _FULL, _REPEAT = 0x08, 0x02
 _OUTPUT_KIND, _INPUT_KIND, _REQUEST_KIND, _REPLY_KIND = 0x04, 0x00, 0x06, 0x02
-
-HOP = 500
-"""Time from one slave to the next, either way [ns] (assumed)."""
-_CAPTURED = 1_000_000
-"""Difference to the reference clock from which a slave's clock no longer follows it [ns]."""
-_GAIN = 4
-"""A clock follows this part of the difference at every comparison (assumed)."""
 
 _DESCRIPTION = struct.pack("<BBHBBBBH", 0x11, 0, 2, UNITS, UNITS, 8, 0x0F, 0x000D)
 """An ET1100 (assumed) with 8 KiB, two ports, byte-wise FMMUs, 64-bit distributed clock."""
@@ -137,6 +131,7 @@ class SlaveController:
     """Registers and memory of one drive on the wire.
 
     Attributes:
+        position: place in the line from 0.
         memory: registers and process memory; registers that change by themselves are brought up to
             date when they are read.
         mailbox: server behind the mailboxes.
@@ -150,8 +145,7 @@ class SlaveController:
         place: tuple[int, int],
         drive: SimulatedDrive,
         process_data: ProcessData,
-        clock: Callable[[], int],
-        drift_ppm: float,
+        clocks: Clocks,
         on_change: Callable[[], None],
     ):
         """Power on: registers as after a reset; the drive is as it is.
@@ -160,16 +154,13 @@ class SlaveController:
             place: position in the line from 0, and number of slaves.
             drive: behind the controller.
             process_data: of the drive.
-            clock: time [ns] at which the frame that is processed enters the line.
-            drift_ppm: of the local clock against that.
-            on_change: called when logical addresses may reach something else.
+            clocks: of the whole line.
+            on_change: called when addresses may reach something else.
         """
-        self._position, self._count = place
+        self.position, self._count = place
         self._drive, self._process_data = drive, process_data
-        self._clock, self._drift = clock, round(drift_ppm * 1e3)  # parts in 10^9
-        self._on_change = on_change
-        self._epoch = 0  # of the local clock
-        self._eeprom = eeprom_image(GOLD_TWITTER, self._position + 1)
+        self._clocks, self._on_change = clocks, on_change
+        self._eeprom = eeprom_image(GOLD_TWITTER, self.position + 1)
         self._writable = bytearray(REGISTERS)
         for start, length in _WRITABLE:
             self._writable[start : start + length] = bytes((1,)) * length
@@ -195,13 +186,14 @@ class SlaveController:
             (SYNC_MANAGERS, 8 * UNITS, self.serve_mailbox),
             (OUTPUTS_CLOSED, 9, self._show_buffers),
             (SYSTEM_TIME, 8, self._show_time),
+            (TIME_DIFFERENCE, 4, self._show_difference),
         )
         self._power_on()
 
     def notice_start(self) -> None:
         """Start as the drive has done, if it has: the clock from 0, too."""
         if self._starts != self._drive.starts:
-            self._epoch = self._clock()
+            self._clocks.restart(self.position)
             self._power_on()
 
     def _power_on(self) -> None:
@@ -215,13 +207,12 @@ class SlaveController:
         self._filling = False
         self._last_reply = b""
         self._expired, self._expirations = False, 0
-        self._offset = self._delay = self._correction = 0
         self._station = 0
         memory = self.memory
         memory[:] = bytes(MEMORY)
         memory[: len(_DESCRIPTION)] = _DESCRIPTION
         memory[ALIAS : ALIAS + 2] = self._eeprom[8:10]
-        last = self._position == self._count - 1
+        last = self.position == self._count - 1
         # the drive runs; links and open ports: 0, and 1 unless last; 2 and 3 are closed
         links = 0x5211 | (0x0400 if last else 0x0820)
         _WORD.pack_into(memory, DL_STATUS, links)
@@ -257,7 +248,8 @@ class SlaveController:
     def write(self, address: int, data: bytes) -> bool:
         """Write bytes into the memory; return whether they can be written now."""
         if address == SYSTEM_TIME and len(data) >= 4:
-            self._compare_time(int.from_bytes(data[:4], "little"))
+            i = self.position
+            self._clocks.follow(i, i + 1, int.from_bytes(data[:4], "little"))
             return True
         end = address + len(data)
         if not data or end > MEMORY or address < REGISTERS < end:
@@ -282,6 +274,7 @@ class SlaveController:
 
     def _set_station(self) -> None:
         self._station = _WORD.unpack_from(self.memory, STATION)[0]
+        self._on_change()
 
     # -- sync managers, FMMUs
 
@@ -512,42 +505,32 @@ class SlaveController:
                 self._eeprom[at : at + 2] = memory[EEPROM_DATA : EEPROM_DATA + 2]
         elif command == 4:
             memory[ALIAS : ALIAS + 2] = self._eeprom[8:10]
+            self._on_change()
         memory[EEPROM_CONTROL] = 0x40
         memory[EEPROM_CONTROL + 1] = 0x20 if failed else 0
 
     # -- distributed clock
 
-    def _local_time(self, hops: int | None = None) -> int:
-        """Return the local clock [ns] when the frame has made some hops, by default up to here."""
-        time = self._clock() - self._epoch + HOP * (self._position if hops is None else hops)
-        return time + time * self._drift // 1_000_000_000 + self._correction
-
     def _latch_times(self) -> None:
         """Note when this frame comes, and when it comes back from the slaves behind."""
-        arrival = self._local_time()
-        back = 0
-        if self._position < self._count - 1:
-            back = self._local_time(2 * (self._count - 1) - self._position)
+        i, last = self.position, self._count - 1
+        arrival = self._clocks.local(i)
+        back = self._clocks.local(i, 2 * last - i) if i < last else 0
         times = (arrival & 0xFFFFFFFF, back & 0xFFFFFFFF, 0, 0)
         struct.pack_into("<IIII", self.memory, RECEIVE_TIMES, *times)
         struct.pack_into("<Q", self.memory, RECEIVE_TIME_64, arrival & (2**64 - 1))
 
     def _set_time(self) -> None:
-        self._offset, self._delay = struct.unpack_from("<qI", self.memory, TIME_OFFSET)
+        self._clocks.set(self.position, *struct.unpack_from("<qI", self.memory, TIME_OFFSET))
 
     def _show_time(self) -> None:
-        time = self._local_time() + self._offset
+        time = self._clocks.system(self.position)
         struct.pack_into("<Q", self.memory, SYSTEM_TIME, time & (2**64 - 1))
 
-    def _compare_time(self, reference: int) -> None:
-        """Note the difference to the reference clock and follow it, once it is captured."""
-        difference = (self._local_time() + self._offset - reference - self._delay) & 0xFFFFFFFF
-        if difference >= 1 << 31:
-            difference -= 1 << 32
+    def _show_difference(self) -> None:
+        difference = self._clocks.difference(self.position)
         shown = min(abs(difference), 2**31 - 1) | (1 << 31 if difference < 0 else 0)
         struct.pack_into("<I", self.memory, TIME_DIFFERENCE, shown)
-        if abs(difference) < _CAPTURED:
-            self._correction -= difference // _GAIN
 
     def _restart_clock(self) -> None:
-        self._correction = 0
+        self._clocks.forget_correction(self.position)

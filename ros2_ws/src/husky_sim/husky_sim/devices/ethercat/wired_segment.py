@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from enum import IntEnum
 from functools import partial
 
 import numpy as np
@@ -15,11 +16,32 @@ from numpy.typing import NDArray
 
 from husky_drivers.ethercat.bus import AlState
 from husky_sim.devices.drives.segment import SimulatedSegment
-from husky_sim.devices.ethercat.frames import Command, datagrams, is_ethercat, pass_frame
+from husky_sim.devices.ethercat.clocks import Clocks
+from husky_sim.devices.ethercat.cyclic_frame import CyclicFrame, TimeDatagram
+from husky_sim.devices.ethercat.frames import (
+    HEADER,
+    SYSTEM_TIME,
+    Command,
+    Datagram,
+    datagrams,
+    is_ethercat,
+    pass_frame,
+)
 from husky_sim.devices.ethercat.slave_controller import ProcessData, SlaveController
 
 _SAFEOP = int(AlState.SAFEOP)
 _LRD, _LWR, _LRW = int(Command.LRD), int(Command.LWR), int(Command.LRW)
+
+
+class Frame(IntEnum):
+    """Kinds of frames that come to the drives."""
+
+    FOREIGN = 0
+    """Not EtherCAT: it is left alone, and nothing goes back."""
+    OTHER = 1
+    """EtherCAT, as the set-up has them."""
+    CYCLIC = 2
+    """Reads or writes the process data of a drive in OP."""
 
 
 @dataclass(frozen=True)
@@ -88,7 +110,9 @@ class WiredSegment:
             raise ValueError(f"{len(drifts)} drifts for {count} drives")
         self._al_status = segment.records["al_status"]
         self._away = segment.records["away"]
+        self._clocks = Clocks(lambda: self._now, drifts, self._away)
         self._plans: dict[tuple[int, int], _Plan] = {}
+        self._cyclic: CyclicFrame | None = None  # the last that is known
         self._seen = b""
         self._line: Sequence[SlaveController] = ()
         self._process_data = []
@@ -109,50 +133,109 @@ class WiredSegment:
                 (i, count),
                 drive,
                 self._process_data[i],
-                self._time_of_frame,
-                drifts[i],
-                self._plans.clear,
+                self._clocks,
+                self._forget,
             )
             for i, drive in enumerate(segment.drives)
         )
         segment.put_inputs()  # compiled, so that no frame waits
         segment.take_outputs(np.zeros(count, np.uint8))
+        nothing = Datagram(_LRW, 0, HEADER, HEADER, HEADER)
+        CyclicFrame(segment, self._clocks, bytes(HEADER + 8), nothing, ({}, {}), None)
 
-    def _time_of_frame(self) -> int:
-        return self._now
-
-    def pass_frame(self, frame: bytearray) -> bool:
-        """Pass an Ethernet frame through the drives, in place.
-
-        Returns:
-            False for a frame that is not EtherCAT: nothing goes back.
-        """
-        self._notice_changes()
+    def pass_frame(self, frame: bytearray) -> Frame:
+        """Pass an Ethernet frame through the drives, in place; return of which kind it was."""
         self._now = self._clock_ns()
-        return pass_frame(frame, self._line, self._logical)
+        known = self._cyclic
+        if known is not None and known.fits(frame) and known.pass_frame(frame, self._now):
+            return Frame.CYCLIC
+        kind = Frame.CYCLIC if self.is_cyclic(frame) else Frame.OTHER
+        if pass_frame(frame, self._line, self._logical, self._follow):
+            return kind
+        return Frame.FOREIGN
 
     def is_cyclic(self, frame: bytes | bytearray) -> bool:
         """Return whether a frame reads or writes the process data of a drive in OP."""
+        self._notice_changes()
+        if self._cyclic is not None and self._cyclic.fits(frame):
+            return True
         if not is_ethercat(frame):
             return False
-        self._notice_changes()
-        return any(
+        found = [
             _LRD <= datagram.command <= _LRW
             and self._plan(datagram.address, datagram.end - datagram.data).in_operation
             for datagram in datagrams(frame)
-        )
+        ]
+        if any(found):
+            self._cyclic = self._learn(frame)
+        return any(found)
 
     def _notice_changes(self) -> None:
         """Forget the paths when a drive has changed its state by itself or left the bus."""
         seen = self._al_status.tobytes() + self._away.tobytes()
         if seen != self._seen:
             self._seen = seen
-            self._plans.clear()
+            self._forget()
             for slave in self.slaves:
                 slave.notice_start()
             self._line = [
                 slave for slave, off in zip(self.slaves, self._away, strict=True) if not off
             ]
+
+    def _forget(self) -> None:
+        """Forget where addresses lead, as something has changed."""
+        self._plans.clear()
+        self._cyclic = None
+
+    def _learn(self, frame: bytes | bytearray) -> CyclicFrame | None:
+        """Return a frame with process data of drives in OP as one to come again, if it is one."""
+        parts = list(datagrams(frame))
+        first = parts[0]
+        if first.command != _LRW or len(parts) > 2:
+            return None
+        places: tuple[dict[int, int], dict[int, int]] = ({}, {})  # of outputs, of inputs
+        for slave, steps in self._plan(first.address, first.end - first.data).paths:
+            for step in steps:
+                where = places[not step.into_drive]
+                if step.data is None or slave.position in where:
+                    return None
+                where[slave.position] = step.start
+        if len(parts) == 1:
+            return CyclicFrame(self.segment, self._clocks, frame, first, places, None)
+        last = parts[1]
+        station, memory = last.address & 0xFFFF, last.address >> 16
+        readers = [each for each in self._line if each.answers_to(station)]
+        if (
+            last.command != Command.FRMW
+            or memory != SYSTEM_TIME
+            or not 4 <= last.end - last.data <= 8
+            or len(readers) != 1
+        ):
+            return None
+        time = TimeDatagram(last, readers[0].position, len(self._line))
+        return CyclicFrame(self.segment, self._clocks, frame, first, places, time)
+
+    def _follow(self, command: int, slave: int, data: memoryview) -> tuple[int, int]:
+        """Read a system time into a datagram; let the clocks behind follow it.
+
+        Those before it, or all when no slave is addressed, follow what the master has sent.
+        """
+        line = self._line
+        if command == Command.FRMW:
+            leaves = slave
+            readers = [each for each in line if each.answers_to(slave)]
+        else:
+            leaves, place = slave + len(line) & 0xFFFF, -slave & 0xFFFF
+            readers = list(line[place : place + 1])
+        sent = int.from_bytes(data[:4], "little")
+        count, behind = len(self.slaves), len(self.slaves)
+        for reader in readers:
+            behind = reader.position + 1
+            data[:] = reader.read(SYSTEM_TIME, len(data)) or data
+        self._clocks.follow(0, behind - len(readers), sent)
+        if readers:
+            self._clocks.follow(behind, count, int.from_bytes(data[:4], "little"))
+        return leaves, len(line)
 
     def _logical(self, command: int, address: int, data: memoryview) -> int:
         plan = self._plan(address, len(data))
