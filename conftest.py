@@ -3,6 +3,7 @@ signal ends the run as it ends any script.
 """
 
 import contextlib
+import gc
 import os
 import resource
 import signal
@@ -65,13 +66,15 @@ def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> bool | None:
     """Run a test that is marked `in_a_copy` in a copy of this process.
 
     Whatever it does to the robot of a fixture, the next test finds that robot as it was: standing
-    up or taking off is simulated once.
+    up or taking off is simulated once. Objects of earlier tests that nobody holds any more are not
+    collected in it: one with threads, as a ROS node, ends a process that has not got these.
     """
     if pyfuncitem.get_closest_marker("in_a_copy") is None:
         return None
     reader, writer = os.pipe()
     child = os.fork()
     if child == 0:
+        gc.freeze()
         try:
             names = pyfuncitem._fixtureinfo.argnames
             pyfuncitem.obj(**{name: pyfuncitem.funcargs[name] for name in names})
