@@ -49,6 +49,14 @@ def pytest_configure(config: pytest.Config) -> None:
         signal.signal(number, end)
 
 
+def pytest_collection_finish() -> None:
+    """Let tests use compiled functions as nodes do, once their modules have imported numba."""
+    with contextlib.suppress(ImportError):  # as above
+        from husky_runtime.numba_cache import seal_numba_cache
+
+        seal_numba_cache()
+
+
 @pytest.hookimpl(wrapper=True, tryfirst=True)
 def pytest_sessionfinish(session: pytest.Session) -> Iterator[None]:
     """Give a run that a signal ends its exit code once it has told what had failed until then.

@@ -91,3 +91,56 @@ def test_compiled_functions_are_loaded_without_the_compiler(tmp_path: Path) -> N
     loader = [sys.executable, "-c", _LOADER]
     for said in ("True True\n", "False False\n"):
         assert subprocess.check_output(loader, cwd=tmp_path, env=environment, text=True) == said
+
+
+_CALLED = """
+from enum import IntEnum
+from numba import njit
+OFFSET = 2
+class Mode(IntEnum):
+    FAST = 3
+@njit
+def g(x):
+    return x * 5
+"""
+_CALLER = """
+from numba import njit
+import called
+from called import g, Mode
+@njit(cache=True)
+def f(x):
+    return g(x) + called.OFFSET + Mode.FAST
+"""
+_CHANGES = """
+import importlib, pathlib, sys
+sys.path.insert(0, ".")
+import called, caller
+from husky_runtime.numba_cache import seal_numba_cache
+seal_numba_cache()
+for text in sys.argv[1:]:
+    pathlib.Path("called.py").write_text(text)
+    importlib.reload(called)
+    f = importlib.reload(caller).f
+    print(f(10), sum(f.stats.cache_hits.values()))
+"""
+
+
+def test_functions_are_compiled_anew_when_what_they_call_or_read_has_changed(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "called.py").write_text(_CALLED)
+    (tmp_path / "caller.py").write_text(_CALLER)
+    results = {
+        _CALLED: "55 0",
+        _CALLED.replace("x * 5", "x * 7"): "75 0",
+        _CALLED.replace("= 2", "= 4"): "57 0",
+        _CALLED.replace("= 3", "= 6"): "58 0",
+        _CALLED.replace("= 3", "= 6") + "# the same code": "58 1",
+    }
+    said = subprocess.check_output(
+        [sys.executable, "-B", "-c", _CHANGES, *results],
+        cwd=tmp_path,
+        env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")},
+        text=True,
+    )
+    assert said.splitlines() == list(results.values())

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from husky_description.robot import load_robot
+from husky_runtime.numba_cache import seal_numba_cache
 from husky_sim.devices.drives.segment import SimulatedSegment
 from husky_sim.devices.ethercat.cable import TARGET, Cable
 from husky_sim.devices.ethercat.raw_port import RawPort
@@ -97,6 +98,7 @@ def far_side() -> Iterator[Drives]:
 
 
 if __name__ == "__main__":
+    seal_numba_cache()
     far = FarSide()
     for line in sys.stdin:
         print(json.dumps(far.do(*line.split())), flush=True)
