@@ -313,6 +313,9 @@ class SoemBus:
         return memoryview(self._inputs), counter
 
     def _put_outputs(self, outputs: bytes | bytearray | memoryview) -> None:
+        mapped = pdo.RX.itemsize * len(self._slaves)
+        if len(outputs) != mapped:
+            raise ValueError(f"{len(outputs)} bytes of outputs for slaves that take {mapped}")
         self._slaves[0].output = bytes(outputs)  # of all: see `_check_image`
 
     # -- mailbox

@@ -59,28 +59,23 @@ def _follow(clocks: Any, first: int, end: int, now: int, reference: int, away: A
 
 
 @njit(cache=True)
-def hand_on(
-    clocks: Any, reference: int, now: int, away: Any, frame: Any, start: int, end: int
-) -> None:
+def hand_on(clocks: Any, reference: int, now: int, sent: int, away: Any) -> int:
     """Read a clock's system time; let those behind follow it, those before it what was sent.
 
     Args:
         clocks: records of `Clocks.records`.
         reference: position of the clock that is read.
         now: time at which the frame enters the line [ns].
+        sent: lower 32 bits of the time that the master has sent [ns].
         away: (n,) not 0 for a drive that frames do not reach.
-        frame: where the time is replaced.
-        start: of the time in it.
-        end: of the time, 4 to 8 bytes behind.
+
+    Returns:
+        System time of the reference [ns].
     """
-    sent = 0
-    for k in range(4):
-        sent |= int(frame[start + k]) << 8 * k
     _follow(clocks, 0, reference, now, sent, away)
-    time = _local(clocks[reference], now, reference) + clocks[reference].offset
-    for k in range(end - start):
-        frame[start + k] = time >> 8 * k & 0xFF
+    time: int = _local(clocks[reference], now, reference) + clocks[reference].offset
     _follow(clocks, reference + 1, len(clocks), now, time & 0xFFFFFFFF, away)
+    return time
 
 
 class Clocks:

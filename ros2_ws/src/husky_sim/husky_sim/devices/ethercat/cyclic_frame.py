@@ -93,9 +93,12 @@ def _pass(
     drive_cycle.take_outputs(drives, outputs, known.reached, NEXT_STATE, COMMAND_OF_CONTROLWORD)
     _add(frame, layout.counter, layout.count)
     if layout.time:
-        clocks.hand_on(
-            times, layout.reference, now, known.away, frame, layout.time, layout.time_counter
-        )
+        sent = 0
+        for k in range(4):
+            sent |= int(frame[layout.time + k]) << 8 * k
+        time = clocks.hand_on(times, layout.reference, now, sent, known.away)
+        for k in range(layout.time_counter - layout.time):
+            frame[layout.time + k] = time >> 8 * k & 0xFF
         _add(frame, layout.time_counter, layout.time_count)
     frame[6] |= RETURNED
     return True

@@ -149,7 +149,11 @@ class WiredSegment:
         known = self._cyclic
         if known is not None and known.fits(frame) and known.pass_frame(frame, self._now):
             return Frame.CYCLIC
-        kind = Frame.CYCLIC if self.is_cyclic(frame) else Frame.OTHER
+        kind = Frame.OTHER
+        if self.is_cyclic(frame):
+            kind = Frame.CYCLIC
+            if self._cyclic is None or not self._cyclic.fits(frame):
+                self._cyclic = self._learn(frame)
         if pass_frame(frame, self._line, self._logical, self._follow):
             return kind
         return Frame.FOREIGN
@@ -161,14 +165,11 @@ class WiredSegment:
             return True
         if not is_ethercat(frame):
             return False
-        found = [
+        return any(
             _LRD <= datagram.command <= _LRW
             and self._plan(datagram.address, datagram.end - datagram.data).in_operation
             for datagram in datagrams(frame)
-        ]
-        if any(found):
-            self._cyclic = self._learn(frame)
-        return any(found)
+        )
 
     def _notice_changes(self) -> None:
         """Forget the paths when a drive has changed its state by itself or left the bus."""
@@ -227,14 +228,12 @@ class WiredSegment:
         else:
             leaves, place = slave + len(line) & 0xFFFF, -slave & 0xFFFF
             readers = list(line[place : place + 1])
-        sent = int.from_bytes(data[:4], "little")
-        count, behind = len(self.slaves), len(self.slaves)
+        behind = 0
         for reader in readers:
-            behind = reader.position + 1
+            self._clocks.follow(behind, reader.position, int.from_bytes(data[:4], "little"))
             data[:] = reader.read(SYSTEM_TIME, len(data)) or data
-        self._clocks.follow(0, behind - len(readers), sent)
-        if readers:
-            self._clocks.follow(behind, count, int.from_bytes(data[:4], "little"))
+            behind = reader.position + 1
+        self._clocks.follow(behind, len(self.slaves), int.from_bytes(data[:4], "little"))
         return leaves, len(line)
 
     def _logical(self, command: int, address: int, data: memoryview) -> int:
