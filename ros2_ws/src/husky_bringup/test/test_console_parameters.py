@@ -409,6 +409,9 @@ def test_nonsense_brings_nothing_down(bench: Bench) -> None:
         bench.give(bench.panel._names, value)
         bench.panel.draw(0.0)
     bench.say(type="GuiFormSubmitMessage", uuid="nobody")
+    bench.give(bench.panel._names, "free")  # all before it is dealt with once it has come
+    bench.until(lambda: bench.panel._names.value == "free")
+    bench.until(lambda: bench.panel._chooser.value == "/walker")
     bench.give(bench.panel._chooser, "/nowhere")
     bench.until(lambda: "/nowhere" in bench.outcome())
     bench.give(bench.panel._names, "*")
