@@ -55,6 +55,8 @@ def test_soem_brings_them_to_op_and_exchanges(bus, master):
     for _ in range(100):
         inputs, counter = bus.exchange(ZEROS)
         assert counter == bus.expected_working_counter == 36
+    with pytest.raises(ValueError, match="17 bytes of outputs for slaves that take 216"):
+        bus.exchange(bytes(17))
     one = struct.unpack_from("<iIiHhhI", inputs, 22 * 7)
     assert one[1] == 8 and one[3] & 0x4F in (0x00, 0x40), "STO released, not ready or disabled"
     assert [al.status for al in bus.al_states()] == [AlState.OP] * 12
