@@ -127,7 +127,8 @@ def _parts_of_value(value: Any, names: list[str], seen: set[int]) -> Iterator[st
         for name in names:
             if name in vars(value):
                 yield name
-                yield from _parts_of_value(getattr(value, name), [], seen)
+                others = [each for each in names if each != name]
+                yield from _parts_of_value(getattr(value, name), others, seen)
     elif hasattr(value, "py_func"):
         if id(value.py_func) not in seen:
             yield repr(sorted(value.targetoptions.items()))

@@ -106,10 +106,10 @@ def g(x):
 _CALLER = """
 from numba import njit
 import called
-from called import g, Mode
+from called import g
 @njit(cache=True)
 def f(x):
-    return g(x) + called.OFFSET + Mode.FAST
+    return g(x) + called.OFFSET + called.Mode.FAST
 """
 _CHANGES = """
 import importlib, pathlib, sys
