@@ -18,6 +18,9 @@ from hypothesis import settings
 settings.register_profile("patient", settings(), deadline=None)
 settings.load_profile("patient")
 
+os.register_at_fork(after_in_child=gc.freeze)
+"""A copy of a test process does not collect what earlier tests have left: an object with threads,
+as a ROS node, ends a process that has not got these."""
 
 _ended_by: list[int] = []
 """Signals that have ended this run."""
@@ -74,15 +77,13 @@ def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> bool | None:
     """Run a test that is marked `in_a_copy` in a copy of this process.
 
     Whatever it does to the robot of a fixture, the next test finds that robot as it was: standing
-    up or taking off is simulated once. Objects of earlier tests that nobody holds any more are not
-    collected in it: one with threads, as a ROS node, ends a process that has not got these.
+    up or taking off is simulated once.
     """
     if pyfuncitem.get_closest_marker("in_a_copy") is None:
         return None
     reader, writer = os.pipe()
     child = os.fork()
     if child == 0:
-        gc.freeze()
         try:
             names = pyfuncitem._fixtureinfo.argnames
             pyfuncitem.obj(**{name: pyfuncitem.funcargs[name] for name in names})

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import gc
 import os
 import pickle
 import sys
@@ -128,7 +127,6 @@ def in_a_copy(function: Callable[[], Any]) -> Any:
     reader, writer = os.pipe()
     child = os.fork()
     if child == 0:
-        gc.freeze()  # objects of earlier tests may end threads that are not here
         os.close(reader)
         with os.fdopen(writer, "wb") as told:
             try:
