@@ -50,7 +50,7 @@ def script(robot, meanwhile=lambda step: None) -> str:
     return s.trajectory_sha256
 
 
-def first_script(robot) -> str:
+def first_script(robot, meanwhile=lambda step: None) -> str:
     """The script with nodes that may have just started: the IMU must have been found before."""
     robot.until(
         lambda: "streaming" in robot.reported(graph.VN200_DRIVER, "").message,
@@ -59,7 +59,7 @@ def first_script(robot) -> str:
         step=0.2,
     )
     robot.start_again()
-    return script(robot)
+    return script(robot, meanwhile)
 
 
 @pytest.fixture(scope="module")
@@ -151,9 +151,19 @@ def test_second_start_in_the_domain(domain, digest, robot, tmp_path):
 
 
 def test_over_ethercat_frames(digest, new_graph):
-    """Frames on a wire, sent by SOEM and answered by `drive_segment`, change nothing."""
+    """Frames on a wire change nothing, nor do drives that answer late, or only when asked again."""
     with own_network(), new_graph(**{**SETTINGS, graph.PLANT: WIRED}) as another:
-        assert first_script(another) == digest
+        drives = -another.session.processes.process_group(graph.DRIVE_SEGMENT)
+        stalls: list[subprocess.Popen[bytes]] = []
+
+        def stall(step: int) -> None:
+            line = f"kill -s STOP -- {drives}; sleep 0.3; kill -s CONT -- {drives}"
+            stalls.extend([beside(line)] if step % 4 == 0 else [])
+
+        try:
+            assert first_script(another, stall) == digest
+        finally:
+            assert [each.wait(PATIENCE) for each in stalls] == [0] * len(stalls)
         report = another.reported(graph.DRIVE_SEGMENT, "answering")
         frames = int(next(v.value for v in report.values if v.key == "frames"))
         assert frames > another.session.truth.header.stamp.sec * 500, "not over the wire"

@@ -173,12 +173,35 @@ def test_an_answer_that_comes_twice(rig):
     assert rig.master.short_cycles == short and rig.master.phase is Phase.ENABLED
 
 
-def test_an_answer_of_the_mailbox_that_is_lost(rig):
+@pytest.mark.parametrize("lost", [1, 6])
+def test_answers_of_the_mailbox_that_are_lost(rig, lost):
+    """The access is tried again."""
     short = rig.master.short_cycles
-    rig.inject("cable", "set_up_lost:1")
-    rig.master.poll_mailbox()
+    rig.inject("cable", f"set_up_lost:{lost}")
+    assert rig.bus.sdo_read(3, 0x6061) == b"\x08"
     rig.tick(5)
     assert rig.master.short_cycles == short and rig.master.phase is Phase.ENABLED
+
+
+@pytest.mark.parametrize("name", ["PacketError", "MailboxError", "WkcError", "AssertionError"])
+def test_an_access_that_got_the_answer_to_another_is_tried_again(rig, name):
+    """SOEM has one list for the errors of all slaves; pysoem asserts that they are of this one."""
+    soem = rig.bus._pysoem
+    errors = {
+        "PacketError": lambda: soem.PacketError(1, 3),
+        "MailboxError": lambda: soem.MailboxError(1, 5, "unknown"),
+        "WkcError": soem.WkcError,
+        "AssertionError": AssertionError,
+    }
+    tries = []
+
+    def access():
+        tries.append(None)
+        if len(tries) < 3:
+            raise errors[name]()
+        return b"\x08"
+
+    assert rig.bus._access(access, 3, 0x6061, 0) == b"\x08" and len(tries) == 3
 
 
 def test_an_object_that_is_refused_while_it_runs(rig):

@@ -13,6 +13,8 @@ from enum import IntEnum
 from importlib.metadata import entry_points
 from typing import NamedTuple, Protocol
 
+from husky_runtime.lockstep import Peer
+
 GROUP = "husky_drivers.bus"
 """Entry-point group of bus factories."""
 
@@ -135,11 +137,14 @@ class BusOptions:
         interface: name of the network interface.
         patience: time after which a frame counts as lost [s].
         cycle: time between two exchanges, the period of SYNC0 [s].
+        far_side: simulated drives in lockstep: a frame is awaited until they are lost, then for
+            `patience` more. None for drives whose frames are lost after that alone.
     """
 
     interface: str = "ecat0"
     patience: float = 0.002
     cycle: float = 0.002
+    far_side: Peer | None = None
 
 
 class Bus(Protocol):

@@ -9,9 +9,10 @@ import struct
 import time
 
 ETHERTYPE = 0x88A4
+ETH_P_ALL = 0x0003
+"""Protocol of a packet socket that hears all frames, those that are sent as well."""
 _LISTEN = 0.02
 """Time in which the frames of another master would be heard [s]: 10 cycles of 2 ms."""
-_ETH_P_ALL = 0x0003
 _SIOCGIFFLAGS, _SIOCSIFFLAGS, _IFF_UP = 0x8913, 0x8914, 0x1
 
 
@@ -74,8 +75,8 @@ def claim_interface(name: str) -> socket.socket:
     lock = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
     try:
         lock.bind(f"\0husky/ethercat/{name}")  # gone with the process; one for each network
-        with socket.socket(socket.AF_PACKET, socket.SOCK_RAW, socket.htons(_ETH_P_ALL)) as ears:
-            ears.bind((name, _ETH_P_ALL))
+        with socket.socket(socket.AF_PACKET, socket.SOCK_RAW, socket.htons(ETH_P_ALL)) as ears:
+            ears.bind((name, ETH_P_ALL))
             end = time.monotonic() + _LISTEN
             while (left := end - time.monotonic()) > 0.0:
                 ears.settimeout(left)

@@ -35,13 +35,18 @@ from husky_drivers.ethercat.interface import (
     flags_of,
     set_flags,
 )
+from husky_drivers.ethercat.patient_ear import PatientEar
 
 _FRAME_TIMES = (0.002, 0.05)
 """Range of the time after which a frame of the set-up counts as lost [s]: SOEM's own, and what
 simulated drives on a busy machine may take. A frame that is safe to repeat gets ten times that.
 """
+_LONG_FRAME_TIME = 0.25
+"""The same in lockstep [s]. SOEM has 16 indices of frames, so it takes an answer that comes 16
+frames too late for that of another: drives are given up before so many have been sent again.
+"""
 _ATTEMPTS = 5
-"""To access a register."""
+"""To access a register, or an object of a drive that answers."""
 _STATE_PATIENCE = 2.0
 """In which slaves reach a state that they are asked for [s] (SOEM's own: 2 s)."""
 _STATE_POLL = 0.001
@@ -64,6 +69,7 @@ class SoemBus:
         self._master: Any = None
         self._slaves: Sequence[Any] = ()
         self._patience = round(options.patience * 1e6)  # [us]
+        self._ear: PatientEar | None = None  # where drives answer when they can
         self._lock: socket.socket | None = None  # of the interface
         self._flags = 0  # of the interface, before SOEM has changed them
         self._registers: list[_Registers] = []  # of each slave as they were set up
@@ -97,8 +103,12 @@ class SoemBus:
             ) from None
         self._pysoem = pysoem
         self._lock, self._flags = claim_interface(interface), flags_of(interface)
-        longer = min(max(self._options.patience, _FRAME_TIMES[0]), _FRAME_TIMES[1])
-        self._frame_time = round(longer * 1e6)
+        least, most = _FRAME_TIMES
+        frame_time = min(max(self._options.patience, least), most)
+        if self._options.far_side is not None:
+            self._ear = PatientEar(interface, self._options.far_side)
+            frame_time = _LONG_FRAME_TIME
+        self._frame_time = round(frame_time * 1e6)
         pysoem.settings.timeouts.ret = self._frame_time
         pysoem.settings.timeouts.safe = 10 * self._frame_time
         master = pysoem.Master()
@@ -132,7 +142,9 @@ class SoemBus:
             with contextlib.suppress(OSError):  # it may be gone
                 set_flags(self._options.interface, self._flags)  # SOEM leaves it promiscuous
             self._lock.close()
-        self._master, self._slaves, self._lock = None, (), None
+        if self._ear is not None:
+            self._ear.close()
+        self._master, self._slaves, self._lock, self._ear = None, (), None, None
         self._clock = 0
 
     def identity(self, position: int) -> Identity:
@@ -295,12 +307,18 @@ class SoemBus:
     def exchange(self, outputs: bytes | bytearray | memoryview) -> tuple[memoryview, int]:
         """Send one frame with the outputs of all slaves and await it for the frame time-out.
 
-        A complete answer whose clock has not moved on since the one before counts as lost: SOEM
-        does not look how long a frame is, and has the bytes of the last one behind a short one.
+        Simulated drives in lockstep may take longer. A complete answer whose clock has not moved on
+        since the one before counts as lost: SOEM does not look how long a frame is, and has the
+        bytes of the last one behind a short one.
         """
         self._put_outputs(outputs)
         master = self._master
-        master.send_processdata()
+        if self._ear is None:
+            master.send_processdata()
+        else:
+            self._ear.forget()
+            master.send_processdata()
+            self._ear.wait()
         counter: int = master.receive_processdata(self._patience)
         if counter <= 0:
             return memoryview(self._inputs), 0
@@ -322,29 +340,39 @@ class SoemBus:
 
     def sdo_read(self, position: int, index: int, subindex: int = 0) -> bytes:
         """Read an object; blocks for some frames."""
-        try:
-            data: bytes = self._slaves[position].sdo_read(index, subindex)
-        except self._mailbox_errors as error:
-            raise self._abort(error, position, index, subindex) from None
+        slave = self._slaves[position]
+        data: bytes = self._access(
+            lambda: slave.sdo_read(index, subindex), position, index, subindex
+        )
         return data
 
     def sdo_write(self, position: int, index: int, subindex: int, data: bytes) -> None:
         """Write an object; blocks for some frames."""
-        try:
-            self._slaves[position].sdo_write(index, subindex, data)
-        except self._mailbox_errors as error:
-            raise self._abort(error, position, index, subindex) from None
+        slave = self._slaves[position]
+        self._access(lambda: slave.sdo_write(index, subindex, data), position, index, subindex)
 
-    @property
-    def _mailbox_errors(self) -> tuple[type[Exception], ...]:
+    def _access(self, access: Callable[[], Any], position: int, index: int, subindex: int) -> Any:
+        """Return what an access to an object returns, tried again when its frames are lost.
+
+        A drive that refuses, or does not answer for its registers either, is not asked again.
+        """
         soem = self._pysoem
-        return soem.SdoError, soem.MailboxError, soem.PacketError, soem.WkcError
-
-    def _abort(self, error: Exception, position: int, index: int, subindex: int) -> SdoAbort:
-        code = getattr(error, "abort_code", _GENERAL_ERROR)
-        if isinstance(error, self._pysoem.WkcError):
-            code = TIMED_OUT
-        return SdoAbort(code & 0xFFFFFFFF, position, index, subindex)
+        code = TIMED_OUT
+        for _ in range(_ATTEMPTS):
+            try:
+                return access()
+            except soem.SdoError as error:
+                code = error.abort_code
+                break
+            except soem.WkcError:
+                code = TIMED_OUT
+            except (soem.MailboxError, soem.PacketError, AssertionError):
+                code = _GENERAL_ERROR  # the late answer to another access, of any slave
+            try:
+                self._read(position, _AL_STATUS, 2)
+            except OSError:
+                break
+        raise SdoAbort(code & 0xFFFFFFFF, position, index, subindex)
 
     def _on_emergency(self, emergency: Any) -> None:
         self._emergencies.append(Emergency(emergency.slave_pos - 1, emergency.error_code))

@@ -23,12 +23,16 @@ from husky_drivers.nodes.joint_bridge import JointBridge
 from husky_drivers.nodes.pacer import find_pacer
 from husky_drivers.real_time import take_real_time
 from husky_runtime import graph
+from husky_runtime.lockstep import Peer
 from husky_runtime.nodes.executor import executor_of
 from husky_runtime.nodes.parameters import declare
+from husky_runtime.nodes.presence import make_peer
 from husky_runtime.nodes.run import run
 
 _MAILBOX_EVERY = 5
 """Ticks between two reads over the mailbox."""
+_LATE = 0.05
+"""Wall time that a frame of simulated drives which are lost may take in lockstep [s]."""
 _IN_PROCESS = "sim"
 """Bus whose mailboxes take no time."""
 
@@ -41,6 +45,8 @@ class DriveBridge(JointBridge[Master]):
         super().__init__(graph.DRIVE_BRIDGE, DRIVES, Master)
         self._failure = ""  # to start, as it was told
         self._ended_ns = -1  # tick of the last cycle
+        self._far_side: Peer | None = None  # simulated drives on a network interface, in lockstep
+        self._losses = 0  # of them
         options, robot = self.options, self.options.robot
         name = declare(self, "bus", "sim", "name of the EtherCAT bus", allowed=available_buses())
         settings = self._declare_axes()
@@ -62,13 +68,15 @@ class DriveBridge(JointBridge[Master]):
             self,
             "frame_timeout",
             BusOptions.patience,
-            "time after which a frame on a network interface counts as lost; in lockstep 0.6 of "
-            "`grace`, as simulated drives answer when they can [s]",
+            "time after which a frame on a network interface counts as lost; in lockstep it is "
+            "awaited until drive_segment has been silent for `grace` [s]",
             0.0005,
             1.0,
         )
-        patience = 0.6 * self.options.grace if self.options.lockstep else live
-        return BusOptions(interface, patience, graph.TICK_PERIOD)
+        if not self.options.lockstep:
+            return BusOptions(interface, live, graph.TICK_PERIOD)
+        self._far_side = make_peer(self, graph.DRIVE_SEGMENT, self.options.grace)
+        return BusOptions(interface, _LATE, graph.TICK_PERIOD, self._far_side)
 
     def _declare_priority(self) -> None:
         """Declare the priority of this process and take it where the drives are real; warn of what
@@ -145,6 +153,9 @@ class DriveBridge(JointBridge[Master]):
 
     def _exchange(self) -> None:
         complete = self._master.exchange()
+        if self._far_side is not None and self._far_side.losses > self._losses:
+            self._losses = self._far_side.losses
+            self.get_logger().warning(f"{self._far_side.name} is silent: going on without it")
         if self._ticks % _MAILBOX_EVERY == 0:
             self._master.poll_mailbox()
         self._tell(known=complete)

@@ -31,7 +31,8 @@ from husky_runtime.nodes.run import run
 from husky_sim.devices.drives.segment import SimulatedSegment
 from husky_sim.devices.ethercat.cable import TARGET, Cable
 from husky_sim.devices.ethercat.raw_port import RawPort
-from husky_sim.devices.ethercat.wired_segment import Frame, WiredSegment
+from husky_sim.devices.ethercat.tick_frames import TickFrames
+from husky_sim.devices.ethercat.wired_segment import WiredSegment
 from husky_sim.nodes.drive_pacer import PlantPacer
 
 
@@ -57,16 +58,13 @@ class DriveSegment(OneClock, Node):
         self._tick_ns = -1
         self._ticks = self._time = 0
         self._ended_ns = -1  # the last tick whose joints have been told
-        self._takes_frame = False  # the tick has not had its frame
-        self._owes = False  # the plant has not been told what the drives do after the tick
-        self._held: bytearray | None = None  # a frame that has come before its tick
         self._master = make_peer(self, graph.DRIVE_BRIDGE, grace)
         self._lock = threading.RLock()  # of the drives
         self._drives = SimulatedSegment(robot)
         drifts = [drift * i for i in range(self._drives.slave_count)]
-        self._wired = WiredSegment(self._drives, self._time_ns, drifts)
-        self._cable = Cable(self._wired)
-        self._frames = 0
+        wired = WiredSegment(self._drives, self._time_ns, drifts)
+        self._cable = Cable(wired)
+        self._frames = TickFrames(wired, self._cable, lockstep=self.lockstep)
         self._pacer = PlantPacer(self, self, self)
         ends = self.create_subscription(CycleEnd, graph.CYCLE_END, self._on_cycle_end, qos.CONTROL)
         self.hot = [*self._pacer.hot, ends]
@@ -85,27 +83,10 @@ class DriveSegment(OneClock, Node):
     def _on_frame(self, frame: bytearray) -> Sequence[bytearray]:
         """Answer a frame now, or hold it until its tick begins; return the answers."""
         with self._lock:
-            self._pass_held()  # frames on a cable do not overtake one another
-            if self.lockstep and not self._takes_frame and self._wired.is_cyclic(frame):
-                self._held = frame
-                return []
-            return self._pass(frame)
-
-    def _pass_held(self) -> None:
-        held, self._held = self._held, None
-        if held is not None:
-            for answer in self._pass(held):
-                self._port.send(answer)
-
-    def _pass(self, frame: bytearray) -> Sequence[bytearray]:
-        """Pass a frame through the drives; return what comes back."""
-        answers, kind = self._cable.pass_frame(frame)
-        self._frames += 1
-        if kind is Frame.CYCLIC:
-            self._takes_frame = False
-            if self._owes and not self.lockstep:
+            answers = self._frames.come(frame)
+            if not self.lockstep and self._frames.open and not self._frames.awaited:
                 self._tell_plant()
-        return answers
+            return answers
 
     # Drives as the plant sees them: `husky_sim.nodes.drive_pacer.PlantSide` -----------------
     def set_servo_state(
@@ -140,15 +121,18 @@ class DriveSegment(OneClock, Node):
     def begin(self, time_ns: int, renewed: bool = False) -> bool:
         """Begin a tick, whose motors have been told; return whether it has had its frame."""
         with self._lock:
-            if self._owes:
+            if self._frames.open:
                 self._tell_plant()  # no frame came: the drives' watchdogs act
             self._tick_ns = time_ns
             self._ticks += 1
-            self._takes_frame = self._owes = True
-            self._pass_held()
+            self._send(self._frames.begin())
             if self.lockstep and self._master.ready(time_ns):
                 self._tell_plant()
-            return not self._owes
+            return not self._frames.open
+
+    def _send(self, answers: Sequence[bytearray]) -> None:
+        for answer in answers:
+            self._port.send(answer)
 
     def _on_cycle_end(self, end: CycleEnd) -> None:
         """The bridge has told the joints of a tick."""
@@ -162,13 +146,12 @@ class DriveSegment(OneClock, Node):
             if not self.lockstep or told_again:
                 return
             if stamp < self._tick_ns:
-                self._takes_frame = True  # the frame that has come was of that earlier tick
-                self._pass_held()
-            elif self._owes:
+                self._send(self._frames.await_another())  # what has come was of that earlier tick
+            elif self._frames.open:
                 self._tell_plant()
 
     def _tell_plant(self) -> None:
-        self._owes = False
+        self._frames.end()
         self._pacer.cycle_ended(self._tick_ns)
 
     def tell_again(self) -> None:
@@ -177,14 +160,14 @@ class DriveSegment(OneClock, Node):
     def restart(self, reason: str) -> None:
         """Time starts again: nobody has answered for it."""
         with self._lock:
-            self._owes = False
+            self._frames.end()
             self._ended_ns = -1
             self._master.restart()
 
     def quiet(self) -> None:
         """Go on without a silent master."""
         with self._lock:
-            if not self._owes or not self.lockstep:
+            if not self._frames.open or not self.lockstep:
                 return
             if self._master.expire(time.monotonic()):
                 self.get_logger().warning(f"{self._master.name} is silent: going on without it")
@@ -201,7 +184,7 @@ class DriveSegment(OneClock, Node):
             level,
             message,
             {
-                "frames": self._frames,
+                "frames": self._frames.passed,
                 "al_states": " ".join(states),
                 "master_losses": self._master.losses,
             },
