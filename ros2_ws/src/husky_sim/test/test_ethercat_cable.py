@@ -2,18 +2,23 @@
 
 import queue
 import struct
+import threading
 
 import pytest
 from own_network import own_network
 from wired_drives import far_side
 
 from husky_drivers.ethercat import objects as od
+from husky_drivers.ethercat.interface import flags_of, set_flags
+from husky_drivers.ethercat.patient_ear import PatientEar
 from husky_drivers.ethercat.pdo import RX_ASSIGNMENT, TX_ASSIGNMENT
+from husky_runtime.lockstep import Peer, Presence
 from husky_sim.devices.ethercat.clocks import HOP
 from husky_sim.devices.ethercat.raw_port import RawPort
 
 COUNT = 12
 PATIENCE = 1_000_000  # us; a frame takes 0.1 ms, a busy machine longer
+IFF_UP = 1
 HEAD = b"\xff" * 12 + b"\x88\xa4"
 
 
@@ -105,3 +110,35 @@ def test_a_port_answers_by_itself_or_later():
     for port in (far, near):
         port.close()
     assert heard.empty()
+
+
+def test_a_master_in_lockstep_waits_for_its_own_answer_until_the_drives_are_lost():
+    def frame(index):
+        return HEAD + b"\0\0\0" + bytes((index,)) + b"\0" * 40
+
+    with own_network():
+        far = RawPort("ecat1", lambda frame: [frame] if frame[17] in answered else [])
+        peer = Peer("drives", grace=0.2)
+        ear = PatientEar("ecat0", peer)
+        near = RawPort("ecat0", lambda frame: [])
+        answered = {1, 3}
+        near.send(frame(1))
+        ear.wait()
+        assert peer.answered == 1
+        ear.forget()
+        near.send(frame(2))  # lost
+        late = threading.Timer(0.05, far.send, [frame(1)])  # not what is awaited
+        late.start()
+        ear.wait()
+        assert peer.presence is Presence.LOST and peer.answered == 1
+        late.join()
+        ear.forget()
+        near.send(frame(3))
+        ear.wait()
+        assert peer.presence is Presence.EXPECTED and peer.answered == 2
+        set_flags("ecat0", flags_of("ecat0") & ~IFF_UP)
+        ear.forget()
+        ear.wait()
+        assert peer.presence is Presence.LOST
+    for each in (far, near, ear):
+        each.close()

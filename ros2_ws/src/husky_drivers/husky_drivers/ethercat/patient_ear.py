@@ -6,6 +6,7 @@ drives answer when they can, so it is asked for an answer only when that has com
 
 from __future__ import annotations
 
+import contextlib
 import socket
 import struct
 import time
@@ -40,11 +41,9 @@ class PatientEar:
 
     def forget(self) -> None:
         """Forget what has come so far; call it before a frame is sent."""
-        try:
+        with contextlib.suppress(OSError):  # nothing more, or the interface is down
             while True:
                 self._socket.recv(1, socket.MSG_DONTWAIT)
-        except BlockingIOError:
-            return
 
     def wait(self) -> None:
         """Wait until the answer to the frame that was sent has come, or nobody will answer."""
@@ -57,6 +56,8 @@ class PatientEar:
                 if self.far_side.presence is not Presence.EXPECTED:
                     return
                 continue
+            except OSError:  # the interface is down
+                return
             if source[1] != ETHERTYPE:
                 continue
             if source[2] == socket.PACKET_OUTGOING:
