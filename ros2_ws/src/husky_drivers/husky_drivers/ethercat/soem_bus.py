@@ -47,6 +47,8 @@ frames too late for that of another: drives are given up before so many have bee
 """
 _ATTEMPTS = 5
 """To access a register, or an object of a drive that answers."""
+_CLOCK_LOOKS = 8
+"""At two clocks, to find how far they are apart."""
 _STATE_PATIENCE = 2.0
 """In which slaves reach a state that they are asked for [s] (SOEM's own: 2 s)."""
 _STATE_POLL = 0.001
@@ -258,13 +260,25 @@ class SoemBus:
         """Let a slave's clock show the time of the others, and start its SYNC0."""
         self._write(position, _TIME_OFFSET, bytes(8))
         try:
-            theirs = self._read_time(0 if position else 1)
-        except (IndexError, OSError):
-            theirs = self._clock  # no other has kept its time
-        offset = theirs - self._read_time(position)
+            offset = self._time_behind(position, 0 if position else 1)
+        except (IndexError, OSError):  # no other has kept its time
+            offset = self._clock - self._read_time(position)
         self._write(position, _TIME_OFFSET, struct.pack("<q", offset))
         self._write(position, _TIME_DELAY, delay)
         self._start_sync(self._slaves[position])
+
+    def _time_behind(self, position: int, reference: int) -> int:
+        """Return by how much a slave's time is behind that of another [ns].
+
+        Each is read in a frame of its own, so the best of some looks counts: the one in which the
+        reference has moved on least.
+        """
+        looks = []
+        for _ in range(_CLOCK_LOOKS):
+            before, time = self._read_time(reference), self._read_time(position)
+            after = self._read_time(reference)
+            looks.append((after - before, (before + after) // 2 - time))
+        return min(looks)[1]
 
     def _read_time(self, position: int) -> int:
         return int.from_bytes(self._read(position, _SYSTEM_TIME, 8), "little")
