@@ -25,6 +25,8 @@ from husky_runtime.nodes import qos
 STRANGERS_STOP = {graph.absolute(graph.JOINT_COMMAND)}
 """Where a message out of turn stops the drives: `test_stranger`."""
 LONG = "x" * 100_000
+_DISCOVERY_LOOKS = 600
+"""At who listens to which topic, 0.05 s apart at most: a new node finds out by and by."""
 
 
 class Stranger:
@@ -93,8 +95,14 @@ class Stranger:
 
         Counted, dropped, told on /diagnostics; nothing else follows.
         """
-        topics = self.subscriptions()
-        assert set(map(graph.absolute, awaited)) <= {topic for topic, _ in topics}
+        topics, missing = {}, set(awaited)
+        for _ in range(_DISCOVERY_LOOKS):
+            topics = self.subscriptions()
+            missing = set(map(graph.absolute, awaited)) - {topic for topic, _ in topics}
+            if not missing:
+                break
+            self._executor.spin_once(timeout_sec=0.05)
+        assert not missing, f"nobody listens to {missing}"
         said = 0
         for (topic, kind), _ in sorted(topics.items()):
             if topic not in STRANGERS_STOP:

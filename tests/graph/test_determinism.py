@@ -151,7 +151,7 @@ def test_second_start_in_the_domain(domain, digest, robot, tmp_path):
 
 
 def test_over_ethercat_frames(digest, new_graph):
-    """Frames on a wire change nothing, nor do drives that answer late, or only when asked again."""
+    """Frames on a wire change nothing, nor do drives that answer late."""
     with own_network(), new_graph(**{**SETTINGS, graph.PLANT: WIRED}) as another:
         drives = -another.session.processes.process_group(graph.DRIVE_SEGMENT)
         stalls: list[subprocess.Popen[bytes]] = []

@@ -137,8 +137,8 @@ class BusOptions:
         interface: name of the network interface.
         patience: time after which a frame counts as lost [s].
         cycle: time between two exchanges, the period of SYNC0 [s].
-        far_side: simulated drives in lockstep: a frame is awaited until they are lost, then for
-            `patience` more. None for drives whose frames are lost after that alone.
+        far_side: simulated drives in lockstep: a frame counts as lost when they do, and `patience`
+            is for what has come. None where `patience` alone counts.
     """
 
     interface: str = "ecat0"

@@ -14,8 +14,8 @@ import time
 from husky_drivers.ethercat.interface import ETH_P_ALL, ETHERTYPE
 from husky_runtime.lockstep import Peer, Presence
 
-_LOOK_PERIOD = struct.pack("ll", 0, 20_000)
-"""Wall time between two looks at drives that are silent, as a timeval: 20 ms."""
+_LOOK_PERIOD = struct.pack("ll", 0, 50_000)
+"""Wall time between two looks at drives that are silent, as a timeval: 50 ms."""
 _INDEX = 17
 """Offset of the index of a frame's first datagram, by which a master knows its answer."""
 
@@ -45,8 +45,11 @@ class PatientEar:
             while True:
                 self._socket.recv(1, socket.MSG_DONTWAIT)
 
-    def wait(self) -> None:
-        """Wait until the answer to the frame that was sent has come, or nobody will answer."""
+    def wait(self) -> bool:
+        """Wait for the answer to the frame that was sent; return whether it has come.
+
+        Drives that are lost get 50 ms.
+        """
         index = -1  # of that frame, which is heard as well
         while True:
             try:
@@ -54,10 +57,10 @@ class PatientEar:
             except BlockingIOError:
                 self.far_side.expire(time.monotonic())
                 if self.far_side.presence is not Presence.EXPECTED:
-                    return
+                    return False
                 continue
             except OSError:  # the interface is down
-                return
+                return False
             if source[1] != ETHERTYPE:
                 continue
             if source[2] == socket.PACKET_OUTGOING:
@@ -65,4 +68,4 @@ class PatientEar:
             elif head[_INDEX] == index:
                 self._answered += 1
                 self.far_side.answer(self._answered)
-                return
+                return True

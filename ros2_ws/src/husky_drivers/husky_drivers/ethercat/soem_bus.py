@@ -43,7 +43,7 @@ simulated drives on a busy machine may take. A frame that is safe to repeat gets
 """
 _LONG_FRAME_TIME = 0.25
 """The same in lockstep [s]. SOEM has 16 indices of frames, so it takes an answer that comes 16
-frames too late for that of another: drives are given up before so many have been sent again.
+frames too late for that of another. That takes a stall of 4 s.
 """
 _ATTEMPTS = 5
 """To access a register, or an object of a drive that answers."""
@@ -327,13 +327,11 @@ class SoemBus:
         """
         self._put_outputs(outputs)
         master = self._master
-        if self._ear is None:
-            master.send_processdata()
-        else:
+        if self._ear is not None:
             self._ear.forget()
-            master.send_processdata()
-            self._ear.wait()
-        counter: int = master.receive_processdata(self._patience)
+        master.send_processdata()
+        awaited = self._ear is None or self._ear.wait()
+        counter: int = master.receive_processdata(self._patience if awaited else 0)
         if counter <= 0:
             return memoryview(self._inputs), 0
         if counter == self.expected_working_counter and self._has_clock:

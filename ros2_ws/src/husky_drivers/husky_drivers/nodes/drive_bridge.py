@@ -31,8 +31,6 @@ from husky_runtime.nodes.run import run
 
 _MAILBOX_EVERY = 5
 """Ticks between two reads over the mailbox."""
-_LATE = 0.05
-"""Wall time that a frame of simulated drives which are lost may take in lockstep [s]."""
 _IN_PROCESS = "sim"
 """Bus whose mailboxes take no time."""
 
@@ -76,7 +74,7 @@ class DriveBridge(JointBridge[Master]):
         if not self.options.lockstep:
             return BusOptions(interface, live, graph.TICK_PERIOD)
         self._far_side = make_peer(self, graph.DRIVE_SEGMENT, self.options.grace)
-        return BusOptions(interface, _LATE, graph.TICK_PERIOD, self._far_side)
+        return BusOptions(interface, self.options.grace, graph.TICK_PERIOD, self._far_side)
 
     def _declare_priority(self) -> None:
         """Declare the priority of this process and take it where the drives are real; warn of what
