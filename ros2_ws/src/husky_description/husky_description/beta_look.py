@@ -29,9 +29,8 @@ def body_look(robot: Robot) -> list[Shape]:
     for fore in (-1.0, 1.0):
         x = fore * (robot.leg.hip_x - 0.045)
         shapes.append(box("printed", (x, 0, 0), (0.026, width + 0.03, 0.010)))
-    battery = robot.payload
-    shapes.append(box("red", battery.position, battery.size))
-    shapes.append(box("label", battery.position, (0.050, 0.035, 0.020)))
+    shapes.append(box("red", robot.cargo_center, robot.payload.size))
+    shapes.append(box("label", robot.cargo_center, (0.050, 0.035, 0.020)))
     return [*shapes, *_plates(robot)]
 
 

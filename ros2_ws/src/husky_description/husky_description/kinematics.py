@@ -149,7 +149,7 @@ def leg_masses(robot: Robot) -> LegMasses:
     knee = float(robot.knee_mass)
     body = float(robot.mass) - LEGS * (hip + thigh + shin + knee)
     moment = robot.base_mass * robot.body.center_of_mass
-    x, y, z = ((moment + robot.payload_mass * robot.payload.position) / body).tolist()
+    x, y, z = ((moment + robot.payload_mass * robot.payload_center) / body).tolist()
     share = robot.leg.thigh_link / robot.thigh_length
     offset = np.array(robot.knee_pod_in_thigh[:, 1]) if knee > 0.0 else np.zeros(LEGS)
     return LegMasses(body, (x, y, z), hip, thigh, shin, knee, share, offset)

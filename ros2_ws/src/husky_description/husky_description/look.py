@@ -11,10 +11,23 @@ frames that follow from the hip sagittal and knee angles, see `parallelogram`.
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from husky_description import beta_look
 from husky_description.actuation import BUS_SERVOS
 from husky_description.robot import STRUTS_AT_PLATE, Robot
-from husky_description.shapes import ALONG_X, ALONG_Z, Shape, ball, box, disc, moved, ring, tube
+from husky_description.shapes import (
+    ALONG_X,
+    ALONG_Z,
+    Shape,
+    ball,
+    box,
+    disc,
+    moved,
+    ring,
+    rotation_of,
+    tube,
+)
 
 MATERIALS: dict[str, tuple[float, float, float, float]] = {
     "carbon": (0.115, 0.118, 0.130, 1.0),
@@ -200,7 +213,7 @@ def _perch(robot: Robot) -> list[Shape]:
 
 
 def _sensors(robot: Robot) -> list[Shape]:
-    """VN-200 on the torso and T265 at the front, where their frames are."""
+    """VN-200 on the torso and T265 at the front, where their frames are; the D435's mount."""
     camera, size = robot.t265.position, robot.t265.size
     front = camera[0] + size[0] / 2
     shapes = [
@@ -215,6 +228,41 @@ def _sensors(robot: Robot) -> list[Shape]:
         lens = (front, camera[1] + sign * 0.032, camera[2])
         shapes.append(disc("aluminium", lens, 0.0095, 0.003, ALONG_X))
         shapes.append(disc("rubber", lens, 0.0075, 0.005, ALONG_X))
+    return [*shapes, *_camera_mount(robot)]
+
+
+def _camera_mount(robot: Robot) -> list[Shape]:
+    """Post behind the D435, from the torso's near plate to the middle of its case, in base."""
+    camera, torso = robot.d435, robot.torso
+    x, y, z = camera.center
+    behind = np.abs(rotation_of(camera.rpy)[0]) @ camera.size / 2 + 0.004
+    plate = torso.position[2] + math.copysign(torso.size[2] / 2, z - torso.position[2])
+    return [tube("carbon", (x - behind, y, plate), (x - behind, y, z), 0.005)]
+
+
+def camera_look(robot: Robot) -> list[Shape]:
+    """D435 in the frame of camera_link: case, glass, imagers, projector and colour sensor."""
+    camera = robot.d435
+    depth, width, height = camera.size
+    center = -camera.depth_offset
+    front = center[0] + depth / 2
+    glass = width - height - 0.002
+    shapes = [
+        box("aluminium", center, (depth, width - height, height)),
+        box("rubber", (front, center[1], center[2]), (0.001, glass, height - 0.006)),
+    ]
+    for sign in (-1, 1):
+        end = center + [0, sign * (width - height) / 2, 0]
+        shapes.append(disc("aluminium", end, height / 2, depth, ALONG_X))
+        shapes.append(disc("rubber", end + [depth / 2, 0, 0], height / 2 - 0.003, 0.001, ALONG_X))
+    for y, radius in (
+        (0.0, 0.0045),
+        (-camera.baseline, 0.0045),
+        (-0.029, 0.0035),
+        (0.015, 0.0035),
+    ):
+        shapes.append(disc("printed", (front, y, center[2]), radius, 0.002, ALONG_X))
+        shapes.append(disc("rubber", (front, y, center[2]), radius - 0.0015, 0.003, ALONG_X))
     return shapes
 
 

@@ -15,6 +15,7 @@ from husky_description.gravity import GRAVITY
 from husky_description.inertia import box_inertia
 from husky_description.look import (
     base_look,
+    camera_look,
     hip_look,
     knee_pod_look,
     propeller_rpy,
@@ -45,13 +46,15 @@ def build_spec(robot: Robot, *, bending: bool = False) -> mujoco.MjSpec:
         bending: let the frame bend as the robot's `frame` says, see `frame_compliance`; without it,
             or with a stiff frame, qpos[7:] and qvel[6:] are the joints.
 
-    Bodies: `base`, `<leg>_hip`, `<leg>_thigh`, `<leg>_shin`, and `payload` welded to the base;
-    with propellers at the knees also `<leg>_knee_pod`, welded to the thigh.
+    Bodies: `base`, `<leg>_hip`, `<leg>_thigh`, `<leg>_shin`, and, welded to the base, `camera`, the
+    depth camera, and `payload`, the rest of the payload; with propellers at the knees also
+    `<leg>_knee_pod`, welded to the thigh.
     Joints: `floating_base`, then the twelve of `robot.joint_names`, in that order; where the frame
     bends, three more before those of each leg. Actuators: one `motor` per joint, named and ordered
     as the joints, of gear 1, so that ctrl (12,) is the joint torque [N m], clipped only beyond
-    what an actuator can give. Sites: `imu`, `t265`, `perch`, `<leg>_foot` (centre of the sphere),
-    and `<fan>_fan` or `<leg>_propeller` (z along the thrust). Keyframes: `sit` and `stand`.
+    what an actuator can give. Sites: `imu`, `t265`, `d435` (camera_link, x along the view),
+    `perch`, `<leg>_foot` (centre of the sphere), and `<fan>_fan` or `<leg>_propeller` (z along the
+    thrust). Keyframes: `sit` and `stand`.
 
     Geoms that are seen are in group 2 and without mass or contact, geoms that collide in group 3;
     the links of the legs are seen as skins, see `mujoco_look`.
@@ -94,10 +97,10 @@ def build_spec(robot: Robot, *, bending: bool = False) -> mujoco.MjSpec:
 
 
 def build_unit_spec(robot: Robot) -> mujoco.MjSpec:
-    """Make the propulsion unit alone, as `base` on a free joint, with the sites of `build_spec`.
+    """Make the propulsion unit alone, as `base` on a free joint, with sites as in `build_spec`.
 
     It has the fans' and the payload's mass, the latter as a box between the fans; it stands on its
-    frame. Keyframe `stand`: on the ground.
+    frame, without the depth camera. Keyframe `stand`: on the ground.
     """
     spec = mujoco.MjSpec()
     spec.modelname = f"{robot.name}_unit"
@@ -218,9 +221,10 @@ def _add_base(spec: mujoco.MjSpec, robot: Robot) -> mujoco.MjsBody:
     base.childclass = robot.name
     _set_inertia(base, robot.base_mass, robot.body.center_of_mass, robot.base_inertia)
     base.add_freejoint(name="floating_base")
-    if robot.payload_mass > 0.0:
-        payload = base.add_body(name="payload", pos=robot.payload.position)
-        _set_inertia(payload, robot.payload_mass, np.zeros(3), robot.payload_inertia)
+    if robot.cargo_mass > 0.0:
+        payload = base.add_body(name="payload", pos=robot.cargo_center)
+        _set_inertia(payload, robot.cargo_mass, np.zeros(3), robot.cargo_inertia)
+    _add_camera(spec, base, robot)
 
     for name, box in (
         ("torso", robot.torso),
@@ -241,6 +245,15 @@ def _add_base(spec: mujoco.MjSpec, robot: Robot) -> mujoco.MjsBody:
             base.add_site(carbon, name=f"{name}_fan", pos=position)
     add_look(spec, base, "base", base_look(robot))
     return base
+
+
+def _add_camera(spec: mujoco.MjSpec, base: mujoco.MjsBody, robot: Robot) -> None:
+    """Depth camera, fixed to the base; without mass where there is no payload."""
+    camera = robot.d435
+    body = base.add_body(name="camera", pos=camera.position, quat=_quaternion(camera.rpy))
+    _set_inertia(body, robot.camera_mass, -camera.depth_offset, robot.camera_inertia)
+    body.add_site(spec.find_default(robot.name), name="d435")
+    add_look(spec, body, "camera", camera_look(robot))
 
 
 def _add_leg(

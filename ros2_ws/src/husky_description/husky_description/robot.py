@@ -22,10 +22,15 @@ import yaml
 from husky_description import sections
 from husky_description.actuation import OWN_SECTIONS, DriveSections, ServoSections
 from husky_description.arrays import Array
-from husky_description.inertia import box_inertia
 from husky_description.parameters import check_keys, frozen, number, read_section, read_value
 from husky_description.robot_checks import check_together
-from husky_description.robot_numbers import actuators, joint_range, leg_bodies, posture_at
+from husky_description.robot_numbers import (
+    actuators,
+    joint_range,
+    leg_bodies,
+    payload_bodies,
+    posture_at,
+)
 from husky_description.share import share_path
 
 _DEFAULT = "carbon"
@@ -59,6 +64,7 @@ class RobotSections:
     servo: sections.ServoSection
     imu: sections.ImuSection
     t265: sections.T265Section
+    d435: sections.D435Section
     esc: sections.EscSection
     battery: sections.BatterySection
     perch: sections.BoxSection
@@ -105,9 +111,12 @@ class Robot(RobotSections, DriveSections, ServoSections):
 
         mass: Total, with payload [kg].
         base_mass, payload_mass, hip_mass, thigh_mass, shin_mass: [kg], the last three per leg.
+        camera_mass, cargo_mass: Of the payload, the depth camera and the rest [kg].
         knee_mass: What is fixed to the thigh at the knee, per leg, 0 without [kg].
-        base_inertia, payload_inertia, hip_inertia, thigh_inertia, shin_inertia: Principal
-            inertia about the link's centre of mass along its axes [kg m^2] (3,).
+        payload_center, camera_center, cargo_center: Centres of mass of the payload with its camera,
+            of the camera and of the rest, in base [m] (3,).
+        base_inertia, camera_inertia, cargo_inertia, hip_inertia, thigh_inertia, shin_inertia:
+            Principal inertia about the link's centre of mass along its axes [kg m^2] (3,).
 
         stand_joint_position, sit_joint_position: Named postures [rad] (12,).
         stand_height, sit_height: Base above the foot *centres* in these postures [m].
@@ -141,12 +150,18 @@ class Robot(RobotSections, DriveSections, ServoSections):
     mass: float
     base_mass: float
     payload_mass: float
+    camera_mass: float
+    cargo_mass: float
     hip_mass: float
     thigh_mass: float
     shin_mass: float
     knee_mass: float
+    payload_center: Array
+    camera_center: Array
+    cargo_center: Array
     base_inertia: Array
-    payload_inertia: Array
+    camera_inertia: Array
+    cargo_inertia: Array
     hip_inertia: Array
     thigh_inertia: Array
     shin_inertia: Array
@@ -350,7 +365,7 @@ def make_robot(tree: Mapping[str, Any]) -> Robot:
         base_mass=read["body"].mass,
         payload_mass=payload_mass,
         base_inertia=read["body"].inertia,
-        payload_inertia=box_inertia(payload_mass, read["payload"].size),
+        **payload_bodies(payload_mass, read["payload"], read["torso"], read["d435"]),
         **leg_bodies(leg),
         stand_joint_position=stand,
         sit_joint_position=sit,

@@ -37,6 +37,7 @@ def check_together(read: Mapping[str, Any]) -> None:
     if 2 * inertia.max() > inertia.sum():
         raise ValueError(f"body.inertia: {inertia.tolist()}: one exceeds the sum of the other two")
     read["frame"].check()
+    read["d435"].check()
     if "fans" in read:
         read["fans"].check()
     if "propellers" in read:

@@ -10,7 +10,7 @@ import numpy as np
 
 from husky_description import sections
 from husky_description.arrays import Array
-from husky_description.inertia import cylinder_inertia, tube_inertia
+from husky_description.inertia import box_inertia, cylinder_inertia, tube_inertia
 from husky_description.parameters import frozen
 
 
@@ -40,6 +40,45 @@ def leg_bodies(leg: sections.LegSection) -> dict[str, Any]:
         "hip_inertia": cylinder_inertia(leg.hip_mass, leg.hip_radius, leg.hip_length, axis=1),
         "thigh_inertia": tube_inertia(leg.thigh_mass, inner, outer, thigh_length, axis=2),
         "shin_inertia": tube_inertia(leg.shin_mass, inner, outer, leg.calf_link, axis=2),
+    }
+
+
+def payload_bodies(
+    mass: float,
+    payload: sections.BoxSection,
+    torso: sections.BoxSection,
+    camera: sections.D435Section,
+) -> dict[str, Any]:
+    """Masses [kg], centres in base [m] and inertias [kg m^2] of the payload's two parts.
+
+    The depth camera is a part of the payload; a payload that is lighter is all camera. The rest
+    balances it: both together have their centre of mass at the payload's position. But the rest
+    stays in the smallest box around payload and torso, else it would be far outside of the robot
+    where it is much lighter than the camera.
+
+    Args:
+        mass: of the payload with the camera [kg].
+        payload: where its centre of mass is to be, and the size of the rest.
+        torso: of the robot.
+        camera: of the robot.
+    """
+    camera_mass = min(camera.mass, mass)
+    cargo_mass = mass - camera_mass
+    both, cargo = camera.center, payload.position
+    if cargo_mass > 0.0:
+        lower = np.minimum(payload.position - payload.size / 2, torso.position - torso.size / 2)
+        upper = np.maximum(payload.position + payload.size / 2, torso.position + torso.size / 2)
+        ahead = camera.center - payload.position
+        cargo = np.clip(payload.position - camera_mass / cargo_mass * ahead, lower, upper)
+        both = (cargo_mass * cargo + camera_mass * camera.center) / mass
+    return {
+        "camera_mass": camera_mass,
+        "cargo_mass": cargo_mass,
+        "payload_center": frozen(both),
+        "camera_center": camera.center,
+        "cargo_center": frozen(cargo),
+        "camera_inertia": box_inertia(camera_mass, camera.size),
+        "cargo_inertia": box_inertia(cargo_mass, payload.size),
     }
 
 

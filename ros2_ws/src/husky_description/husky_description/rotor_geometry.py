@@ -55,7 +55,7 @@ def rotor_geometry(robot: Robot, joint_position: Array) -> RotorGeometry:
     """
     spin = robot.propellers.spin
     masses = [robot.base_mass, robot.payload_mass]
-    centers = [robot.body.center_of_mass, robot.payload.position]
+    centers = [robot.body.center_of_mass, robot.payload_center]
     position, axis = np.empty((4, 3)), np.empty((4, 3))
     for leg, (frontal, sagittal, knee) in enumerate(np.reshape(joint_position, (4, 3))):
         hip = _about_x(frontal)

@@ -13,6 +13,7 @@ import numpy as np
 
 from husky_description.arrays import Array
 from husky_description.parameters import choice, count, frozen, named, number, vector
+from husky_description.rotation import from_roll_pitch_yaw, rotate
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,6 +214,60 @@ class T265Section:
     acceleration_noise: Annotated[float, number(0.0, 10.0)]
     warm_up: Annotated[float, number(0.0, 60.0)]
     fast_rotation: Annotated[float, number(0.1, 100.0)]
+
+
+@dataclass(frozen=True, eq=False)
+class D435Section:
+    """Depth camera: pose in base [m, rad], case [m], mass [kg], image, errors (SI).
+
+    The pose is that of camera_link, which as in realsense-ros is where depth is measured from: the
+    optical centre of the left imager, x along the view. `depth_offset` is its place from the centre
+    of the case, along its own axes [m].
+
+    Width and height of the image [pixels]; its field of view, horizontal and vertical [rad]; rate
+    [Hz]; baseline of the imagers [m]; latency from the middle of the exposure to the host [s];
+    least and greatest depth [m]. At the depth d its standard deviation is noise_floor [m] +
+    noise_gain [1/m] (d - noise_range [m])^2 along the optical axis and lateral_noise [-] d across.
+    Shares [-]: pixels that have no depth, blocks of 8 by 8 pixels that have none, and pixels at an
+    edge whose depth lies between both sides.
+    """
+
+    position: Annotated[Array, vector(3, -0.5, 0.5)]
+    rpy: Annotated[Array, vector(3, -3.15, 3.15)]
+    size: Annotated[Array, vector(3, 0.001, 0.5)]
+    mass: Annotated[float, number(0.001, 2.0)]
+    depth_offset: Annotated[Array, vector(3, -0.25, 0.25)]
+    width: Annotated[int, count(8, 1280)]
+    height: Annotated[int, count(8, 720)]
+    field_of_view: Annotated[Array, vector(2, 0.1, 2.8)]
+    rate: Annotated[float, number(0.1, 90.0)]
+    baseline: Annotated[float, number(0.001, 0.5)]
+    latency: Annotated[float, number(0.0, 1.0)]
+    range: Annotated[Array, vector(2, 0.01, 100.0)]
+    noise_floor: Annotated[float, number(0.0, 0.1)]
+    noise_gain: Annotated[float, number(0.0, 0.1)]
+    noise_range: Annotated[float, number(0.0, 10.0)]
+    lateral_noise: Annotated[float, number(0.0, 0.1)]
+    dropout: Annotated[float, number(0.0, 1.0)]
+    hole: Annotated[float, number(0.0, 1.0)]
+    flying_pixels: Annotated[float, number(0.0, 1.0)]
+
+    @cached_property
+    def center(self) -> Array:
+        """Centre of the case, which is that of its mass, in base [m] (3,)."""
+        roll, pitch, yaw = self.rpy.tolist()
+        x, y, z = self.depth_offset.tolist()
+        return frozen(self.position - rotate(from_roll_pitch_yaw(roll, pitch, yaw), (x, y, z)))
+
+    def check(self) -> None:
+        """Refuse a range without depths.
+
+        Raises:
+            ValueError: names the key and what is wrong.
+        """
+        near, far = self.range
+        if near >= far:
+            raise ValueError(f"d435.range: least depth {near:g} is not below the greatest, {far:g}")
 
 
 MOUNTINGS = ("fixed", "vectoring")

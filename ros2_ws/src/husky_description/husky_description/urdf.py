@@ -19,7 +19,9 @@ def build_urdf(robot: Robot, parallelogram: bool = False) -> str:
 
     The root link is `base_link` (REP-105); the torso's inertia is on the link `torso`, fixed to
     it. Then come `<leg>_hip`, `<leg>_thigh`, `<leg>_shin`, `<leg>_foot`, and the frames
-    `imu_link`, `t265_link`, `perch` and `<fan>_fan`, or `<leg>_knee_pod` and `<leg>_propeller`.
+    `imu_link`, `t265_link`, `perch` and `<fan>_fan`, or `<leg>_knee_pod` and `<leg>_propeller`;
+    of the depth camera, as realsense-ros names them, `camera_link` with its mass,
+    `camera_depth_frame` and `camera_depth_optical_frame` (z along the view, x right, y down).
     What weighs and collides comes from urdf/carbon.urdf.xacro, what is seen from
     `husky_description.look`.
 
@@ -52,7 +54,7 @@ def build_urdf(robot: Robot, parallelogram: bool = False) -> str:
 
 
 def _look_of_links(robot: Robot, parallelogram: bool) -> dict[str, list[Shape]]:
-    shapes = {"torso": look.base_look(robot)}
+    shapes = {"torso": look.base_look(robot), "camera_link": look.camera_look(robot)}
     for index, leg in enumerate(robot.legs):
         shapes[f"{leg}_hip"] = look.hip_look(robot, index)
         if robot.legs_carry_propellers:

@@ -79,7 +79,7 @@ def lift_from_mass(model, data, sagittal):
 
 def test_masses_add_up():
     assert sum(PARTS_OF_BODY.values()) == pytest.approx(ROBOT.base_mass, abs=1e-9)
-    assert ROBOT.payload_mass == pytest.approx(0.240, abs=1e-9)  # the battery [T17]
+    assert ROBOT.payload_mass == pytest.approx(0.240, abs=1e-9)  # battery [T17], with the camera
     leg = ROBOT.hip_mass + ROBOT.thigh_mass + ROBOT.shin_mass + ROBOT.knee_mass
     assert ROBOT.base_mass + ROBOT.payload_mass + 4 * leg == pytest.approx(ROBOT.mass, abs=1e-9)
 

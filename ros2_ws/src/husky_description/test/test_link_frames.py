@@ -56,6 +56,10 @@ def test_every_link_is_where_mujoco_has_it(name):
         for frame in (*robot.foot_names, "imu_link", "t265_link", "perch", f"hind_left_{hung}"):
             site = data.site(frame.removesuffix("_link"))
             np.testing.assert_allclose(poses[frame][:3, 3], site.xpos, atol=1e-9)
+        for frame in ("camera_link", "camera_depth_frame"):
+            site = data.site("d435")
+            np.testing.assert_allclose(poses[frame][:3, 3], site.xpos, atol=1e-9)
+            np.testing.assert_allclose(poses[frame][:3, :3], site.xmat.reshape(3, 3), atol=1e-9)
 
 
 def test_origins_turn_about_fixed_axes_and_joints_about_their_own():

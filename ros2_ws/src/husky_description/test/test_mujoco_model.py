@@ -268,6 +268,7 @@ def test_sites_are_where_the_robot_says():
     mujoco.mj_kinematics(model, data)
     np.testing.assert_allclose(data.site("imu").xpos, ROBOT.imu.position, atol=1e-12)
     np.testing.assert_allclose(data.site("t265").xpos, ROBOT.t265.position, atol=1e-12)
+    np.testing.assert_allclose(data.site("d435").xpos, ROBOT.d435.position, atol=1e-12)
     for leg, position in zip(ROBOT.legs, ROBOT.fan_position, strict=True):
         np.testing.assert_allclose(data.site(f"{leg}_fan").xpos, position, atol=1e-12)
     assert data.site("perch").xpos[2] == pytest.approx(-0.16)

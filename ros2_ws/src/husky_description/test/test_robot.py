@@ -106,8 +106,9 @@ def test_inertias_against_sampled_solids():
     box = rng.uniform(-0.5, 0.5, (200_000, 3)) * robot.payload.size
     hip = tube(0, leg.hip_radius, leg.hip_length, axis=1)
     shin = tube(leg.tube_inner_radius, leg.tube_outer_radius, leg.calf_link, axis=2)
-    expected = sampled(robot.payload_mass, box)
-    np.testing.assert_allclose(robot.payload_inertia, expected, rtol=0.01)
+    case = rng.uniform(-0.5, 0.5, (200_000, 3)) * robot.d435.size
+    np.testing.assert_allclose(robot.cargo_inertia, sampled(robot.cargo_mass, box), rtol=0.01)
+    np.testing.assert_allclose(robot.camera_inertia, sampled(robot.camera_mass, case), rtol=0.01)
     np.testing.assert_allclose(robot.hip_inertia, sampled(robot.hip_mass, hip), rtol=0.01)
     np.testing.assert_allclose(robot.shin_inertia, sampled(robot.shin_mass, shin), rtol=0.01)
 
@@ -218,6 +219,8 @@ def test_numbers_that_contradict_each_other():
         make_robot(changed("body", "inertia", [0.1, 0.1, 0.3]))
     with pytest.raises(ValueError, match=r"joints\.knee: lower limit"):
         make_robot(changed("joints", "knee", [0.0, -1.0]))
+    with pytest.raises(ValueError, match=r"d435\.range: least depth 3 is not below .* 2"):
+        make_robot(changed("d435", "range", [3.0, 2.0]))
     with pytest.raises(ValueError, match=r"total_mass: 6.0 .*\[6.32, 100\]"):
         make_robot({**TREE, "total_mass": 6.0})
 

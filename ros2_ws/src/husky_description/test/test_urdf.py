@@ -19,10 +19,16 @@ pin = pytest.importorskip("pinocchio")
 TOLERANCE = 1e-6
 
 
-def frames_of(robot):
-    """Frames of a robot that are sites of its MuJoCo model too."""
+def sites_of(robot):
+    """Frames of a robot that are sites of its MuJoCo model too, and these sites' names."""
     hung = "fan" if "fans" in robot.own_sections else "propeller"
-    return (*robot.foot_names, "imu_link", "t265_link", "perch", f"hind_left_{hung}")
+    alike = (*robot.foot_names, "perch", f"hind_left_{hung}")
+    return {name: name for name in alike} | {
+        "imu_link": "imu",
+        "t265_link": "t265",
+        "camera_link": "d435",
+        "camera_depth_frame": "d435",
+    }
 
 
 class Pair:
@@ -78,8 +84,7 @@ def test_foot_positions_agree(pair, postures):
     for posture in postures:
         pair.set(*posture)
         pin.framesForwardKinematics(pair.pin_model, pair.pin_data, pair.q)
-        for name in frames_of(pair.robot):
-            site = name.removesuffix("_link")
+        for name, site in sites_of(pair.robot).items():
             frame = pair.pin_data.oMf[pair.pin_model.getFrameId(name)]
             np.testing.assert_allclose(pair.data.site(site).xpos, frame.translation, atol=TOLERANCE)
             np.testing.assert_allclose(
@@ -119,10 +124,13 @@ def test_velocity_torques_agree(pair, postures):
         np.testing.assert_allclose(pair.data.qfrc_bias, pair.transform.T @ expected, atol=TOLERANCE)
 
 
-@pytest.mark.parametrize("payload", [0.0, 2.5])
+@pytest.mark.parametrize("payload", [0.0, 0.1, 2.5])
 def test_other_payloads_agree(payload, pair, postures):
+    """None, one that cannot balance the depth camera, a heavy one."""
     name = pair.robot.name.removeprefix("husky_")
-    robot = load_robot(name, payload_mass=payload, payload__position=[0.03, 0.01, -0.02])
+    camera = {"d435__rpy": [0.2, 0.6, -0.3], "d435__depth_offset": [0.01, 0.02, 0.005]}
+    place = [0.03, 0.01, -0.02]
+    robot = load_robot(name, payload_mass=payload, payload__position=place, **camera)
     other = Pair(robot, build_urdf(robot))
     bare = pair.robot.mass - pair.robot.payload_mass
     assert pin.computeTotalMass(other.pin_model) == pytest.approx(bare + payload, abs=1e-9)
@@ -132,6 +140,26 @@ def test_other_payloads_agree(payload, pair, postures):
         np.testing.assert_allclose(
             other.data.qfrc_bias, other.transform.T @ expected, atol=TOLERANCE
         )
+    pin.ccrba(other.pin_model, other.pin_data, other.q, np.zeros(other.pin_model.nv))
+    mass = np.zeros((18, 18))
+    mujoco.mj_fullM(other.model, other.data, mass)
+    whole = other.pin_data.Ig  # of the whole robot about its centre of mass, in the world's axes
+    arm = other.data.subtree_com[1] - other.data.xpos[1]
+    about_base = whole.inertia + whole.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    turn = other.data.xmat[1].reshape(3, 3)
+    np.testing.assert_allclose(mass[3:6, 3:6], turn.T @ about_base @ turn, atol=TOLERANCE)
+
+
+def test_frames_of_the_depth_camera(pair):
+    """Optical axes (REP-103) along those of camera_link: x to the right, y down, z ahead."""
+    model = pair.pin_model
+    optical, link = (
+        model.frames[model.getFrameId(name)].placement
+        for name in ("camera_depth_optical_frame", "camera_link")
+    )
+    expected = np.array([[0, 0, 1], [-1, 0, 0], [0, -1, 0]])
+    np.testing.assert_allclose(link.rotation.T @ optical.rotation, expected, atol=1e-12)
+    np.testing.assert_allclose(optical.translation, link.translation, atol=1e-12)
 
 
 def test_total_mass(pair):
