@@ -13,6 +13,7 @@ from typing import Protocol
 
 from husky_runtime import record_lock
 from husky_runtime.ports import port_lock
+from husky_runtime.ports.socket_port import StreamDevice
 
 _TCGETS2 = 0x802C542A
 """ioctl that returns `struct termios2`, whose last two words are the speeds in plain numbers."""
@@ -20,18 +21,12 @@ _SPEED_OFFSET = 36
 _READ_SIZE = 4096
 
 
-class SerialDevice(Protocol):
-    """What sits at the far end of the wire."""
+class SerialDevice(StreamDevice, Protocol):
+    """Device at the far end of a serial line."""
 
     @property
     def baud(self) -> int:
         """Rate of the bytes that `feed` takes and of those that `take_output` has returned."""
-
-    def feed(self, data: bytes) -> None:
-        """Take bytes from the host."""
-
-    def take_output(self) -> bytes:
-        """Return the bytes to the host since the last call."""
 
 
 class PtyPort:
