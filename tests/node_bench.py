@@ -29,6 +29,7 @@ from husky_runtime import domain_locks as occupancy
 from husky_runtime import graph
 from husky_runtime.nodes import qos
 from husky_runtime.ports.pty_port import PtyPort
+from husky_runtime.ports.socket_port import SocketPort
 
 _PATIENCE = 150.0
 """Wall time after which nothing more is expected, even of a slow machine [s]."""
@@ -206,12 +207,15 @@ class DeviceThread(threading.Thread):
 
 
 class DeviceBench(NodeBench):
-    """A bench with a device at the far end of the node's serial line.
+    """A bench with a device at the far end of the node's serial line, or its socket.
 
     Attributes:
         port: the device's end of the line.
+        port_kind: of the port.
         thread: serves the device.
     """
+
+    port_kind: type[PtyPort] | type[SocketPort] = PtyPort
 
     def __init__(
         self,
@@ -231,7 +235,7 @@ class DeviceBench(NodeBench):
             tick: what the device does at each, carrying the bytes of `port`.
         """
         super().__init__(domain, directory, module)
-        self.port = PtyPort(directory / "line")
+        self.port = self.port_kind(directory / "line")
         self.thread = DeviceThread(period, tick)
         self.thread.start()
 

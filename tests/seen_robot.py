@@ -64,8 +64,9 @@ def running(directory: Path, settings: Mapping[str, Any], **options: Any) -> Ite
 class Tap:
     """Keeps every message of a topic of every tick, without waking up for each."""
 
-    def __init__(self, node: Node, kind: type, topic: str):
-        profile = QoSProfile(depth=4000, reliability=qos.CONTROL.reliability)
+    def __init__(self, node: Node, kind: type, topic: str, reliable: bool = False):
+        how = qos.STATUS if reliable else qos.CONTROL
+        profile = QoSProfile(depth=4000, reliability=how.reliability)
         self._node = node
         self._subscription = node.create_subscription(kind, topic, lambda message: None, profile)
         self.messages: list[Any] = []
@@ -105,9 +106,9 @@ class Robot:
         for status in array.status:
             self.reports[status.name] = status
 
-    def tap(self, kind: type, topic: str) -> Tap:
-        """Return a tap on a topic of every tick."""
-        self._taps.append(Tap(self._ear, kind, topic))
+    def tap(self, kind: type, topic: str, reliable: bool = False) -> Tap:
+        """Return a tap on a topic; one that is not of every tick may be heard reliably."""
+        self._taps.append(Tap(self._ear, kind, topic, reliable))
         return self._taps[-1]
 
     def close_taps(self) -> None:

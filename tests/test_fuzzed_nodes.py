@@ -35,6 +35,7 @@ NODES = {
     graph.SERVO_BRIDGE: ("husky_drivers", "ServoBridge", LIVE),
     graph.VN200_DRIVER: ("husky_drivers", "Vn200Driver", {}),
     graph.T265_DRIVER: ("husky_drivers", "T265Driver", {}),
+    graph.D435_DRIVER: ("husky_drivers", "D435Driver", {}),
     graph.LOW_LEVEL_CONTROLLER: (
         "husky_control",
         "LowLevelController",

@@ -5,12 +5,19 @@ import subprocess
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 from own_network import own_network
 from seen_robot import SETTINGS
+from sensor_msgs.msg import Image
 
+from husky_description.robot import load_robot
 from husky_experiments.scripts import push, walk
 from husky_runtime import graph
+from husky_runtime.nodes import stamps
+from husky_sim.devices.d435.optics import D435Optics
+from husky_sim.scene import WorldOptions
+from husky_sim.world import World
 
 pytestmark = pytest.mark.graph
 
@@ -20,7 +27,9 @@ ROOT = Path(__file__).resolve().parents[2]
 STEPS = 20
 TICKS = 10
 """Of each step."""
-WIRED = {**SETTINGS[graph.PLANT], "bus": "soem"}
+WIRED_AND_SEEING = {**SETTINGS[graph.PLANT], "bus": "soem", "camera": True}
+IMAGE_PERIOD = 100_000_000
+"""Of the depth camera [ns]."""
 PATIENCE = 120.0
 """Wall time after which nobody refuses any more [s]."""
 
@@ -150,15 +159,22 @@ def test_second_start_in_the_domain(domain, digest, robot, tmp_path):
     assert not (tmp_path / "out").exists()  # where results of the run that goes on may be
 
 
-def test_over_ethercat_frames(digest, new_graph):
-    """Frames on a wire change nothing, nor do drives that answer late."""
-    with own_network(), new_graph(**{**SETTINGS, graph.PLANT: WIRED}) as another:
+def test_over_ethercat_frames_and_with_the_depth_camera(digest, new_graph):
+    """Frames on a wire change nothing, nor do drives that answer late, nor does a camera.
+
+    The camera's images are of their ticks: none is missing, and the first is that of the sitting
+    robot in a world of this process.
+    """
+    with own_network(), new_graph(**{**SETTINGS, graph.PLANT: WIRED_AND_SEEING}) as another:
         drives = -another.session.processes.process_group(graph.DRIVE_SEGMENT)
+        camera = -another.session.processes.process_group(graph.D435_DRIVER)
+        images = another.tap(Image, graph.DEPTH_IMAGE, reliable=True)
         stalls: list[subprocess.Popen[bytes]] = []
 
         def stall(step: int) -> None:
-            line = f"kill -s STOP -- {drives}; sleep 0.3; kill -s CONT -- {drives}"
-            stalls.extend([beside(line)] if step % 4 == 0 else [])
+            line = "kill -s STOP -- {0}; sleep 0.3; kill -s CONT -- {0}"
+            late = (drives, camera)[step // 4 % 2]
+            stalls.extend([beside(line.format(late))] if step % 4 == 0 else [])
 
         try:
             assert first_script(another, stall) == digest
@@ -166,7 +182,27 @@ def test_over_ethercat_frames(digest, new_graph):
             assert [each.wait(PATIENCE) for each in stalls] == [0] * len(stalls)
         report = another.reported(graph.DRIVE_SEGMENT, "answering")
         frames = int(next(v.value for v in report.values if v.key == "frames"))
-        assert frames > another.session.truth.header.stamp.sec * 500, "not over the wire"
+        end = stamps.to_ns(another.session.truth.header.stamp)
+        assert frames > 5e-7 * end, "not over the wire"
+        taken = images.drain()
+        first = max(i for i, m in enumerate(taken) if stamps.to_ns(m.header.stamp) == IMAGE_PERIOD)
+        seen = {stamps.to_ns(message.header.stamp): message.data for message in taken[first:]}
+        latency = round(1e9 * load_robot().d435.latency)
+        due = range(IMAGE_PERIOD, end - latency, IMAGE_PERIOD)
+        assert set(due) <= seen.keys() and all(stamp % IMAGE_PERIOD == 0 for stamp in seen)
+        assert seen[IMAGE_PERIOD].tobytes() == image_of_the_sitting_robot().tobytes()
+
+
+def image_of_the_sitting_robot():
+    """Return the first image of a world whose drives are off, in millimetres."""
+    robot, seed = load_robot(), SETTINGS[graph.PLANT]["seed"]
+    world = World(robot, WorldOptions(seed=seed))
+    while world.time_ns < IMAGE_PERIOD:
+        world.step_tick()
+    optics = D435Optics(world.model, robot.d435, seed)
+    image = optics.image(0, optics.snapshot(world.data))
+    assert np.count_nonzero(image) > 0.5 * image.size
+    return image
 
 
 @pytest.mark.slow  # in one process: `test_one_seed_gives_one_trajectory_to_the_bit`

@@ -1,4 +1,4 @@
-"""Package husky_drivers: Robot's side of the wires: EtherCAT drives (CiA 402), VN-200, T265."""
+"""Package husky_drivers: Robot's side of the wires: drives (CiA 402), VN-200, T265, D435."""
 
 from setuptools import find_packages, setup
 
@@ -19,6 +19,7 @@ setup(
             "drive_bridge = husky_drivers.nodes.drive_bridge:main",
             "servo_bridge = husky_drivers.nodes.servo_bridge:main",
             "t265_driver = husky_drivers.nodes.t265_driver:main",
+            "d435_driver = husky_drivers.nodes.d435_driver:main",
             "vn200_driver = husky_drivers.nodes.vn200_driver:main",
         ],
         "husky_drivers.bus": [

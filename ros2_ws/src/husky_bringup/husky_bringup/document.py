@@ -245,6 +245,7 @@ def _plain(text: str) -> str:
 _WIRES = (
     f'{graph.PLANT} == "serial line" ==> {graph.VN200_DRIVER}',
     f'{graph.PLANT} == "poses" ==> {graph.T265_DRIVER}',
+    f'{graph.PLANT} == "depth images" ==> {graph.D435_DRIVER}',
     f'{graph.PIXHAWK_BRIDGE} <== "MAVLink" ==> {graph.FLIGHT_CONTROLLER}',
     f'{graph.RC_TRANSMITTER} == "SBUS" ==> {graph.FLIGHT_CONTROLLER}',
 )

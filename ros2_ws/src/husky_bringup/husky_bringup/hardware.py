@@ -9,8 +9,10 @@ node, as in simulation:
     vn200: {port: /dev/husky-imu}                   # optional: baud
     pixhawk: {port: /dev/husky-pixhawk}             # optional: baud; or connection, signing_key
     t265: {}                                        # optional: serial_number; backend, port
+    d435: {}                                        # optional: serial_number, profile, decimation;
+                                                    #   backend, port
 
-`pixhawk` and `t265` may be left out with the propulsion unit.
+`pixhawk` and `t265` may be left out with the propulsion unit, `d435` with the depth camera.
 """
 
 from __future__ import annotations
@@ -49,6 +51,11 @@ class _Key(NamedTuple):
     words: tuple[str, ...] = ()
 
 
+_CAMERA = {
+    "serial_number": _Key(str, ""),
+    "backend": _Key(str, "realsense", words=("realsense", "sim")),
+    "port": _Key(str, ""),
+}
 _SECTIONS: Mapping[str, Mapping[str, _Key]] = {
     "drives": {
         "interface": _Key(str, None),
@@ -63,10 +70,11 @@ _SECTIONS: Mapping[str, Mapping[str, _Key]] = {
         "connection": _Key(str, ""),
         "signing_key": _Key(str, ""),
     },
-    "t265": {
-        "serial_number": _Key(str, ""),
-        "backend": _Key(str, "realsense", words=("realsense", "sim")),
-        "port": _Key(str, ""),
+    "t265": _CAMERA,
+    "d435": {
+        **_CAMERA,
+        "profile": _Key(str, "640x480x15"),
+        "decimation": _Key(int, 4, 1, 8),
     },
 }
 _REQUIRED = ("drives", "vn200")
@@ -90,6 +98,7 @@ class Hardware:
         robot: its numbers.
         drives, vn200: sections that every robot has.
         pixhawk, t265: sections of the propulsion unit, None without them.
+        d435: section of the depth camera, None without it.
     """
 
     robot_name: str
@@ -98,6 +107,7 @@ class Hardware:
     vn200: Section
     pixhawk: Section | None
     t265: Section | None
+    d435: Section | None
 
     @property
     def connection(self) -> str:
@@ -155,9 +165,12 @@ def parse_hardware(content: object) -> Hardware:
     pixhawk, t265 = sections.get("pixhawk"), sections.get("t265")
     if pixhawk is not None and bool(pixhawk["port"]) == bool(pixhawk["connection"]):
         raise ValueError("pixhawk needs either port or connection")
-    if t265 is not None and (t265["backend"] == "sim") != bool(t265["port"]):
-        raise ValueError("t265.port belongs to t265.backend sim, which needs it")
-    return Hardware(name, robot, sections["drives"], sections["vn200"], pixhawk, t265)
+    for key in ("t265", "d435"):
+        camera = sections.get(key)
+        if camera is not None and (camera["backend"] == "sim") != bool(camera["port"]):
+            raise ValueError(f"{key}.port belongs to {key}.backend sim, which needs it")
+    d435 = sections.get("d435")
+    return Hardware(name, robot, sections["drives"], sections["vn200"], pixhawk, t265, d435)
 
 
 def _allowed(section: str) -> str:
@@ -236,6 +249,7 @@ def robot_on_hardware(
         NodeSpec("husky_drivers", graph.VN200_DRIVER, {"clock": "host", **hardware.vn200, **told}),
         NodeSpec("husky_control", graph.LOW_LEVEL_CONTROLLER, {**controller, **_WALL_TIME, **told}),
         *_unit(hardware, told),
+        *_camera(graph.D435_DRIVER, hardware.d435, told),
     ]
     if _asks_for_plans(settings or {}):
         specs.append(NodeSpec("husky_control", graph.PLANNER, {**_WALL_TIME, **told}))
@@ -260,9 +274,14 @@ def _unit(hardware: Hardware, told: Mapping[str, ParameterValue]) -> list[NodeSp
             "signing_key": hardware.pixhawk["signing_key"],
         }
         specs.append(NodeSpec("husky_pu", graph.PIXHAWK_BRIDGE, {**pixhawk, **told}))
-    if hardware.t265 is not None:
-        camera = {key: value for key, value in hardware.t265.items() if value}
-        specs.append(
-            NodeSpec("husky_drivers", graph.T265_DRIVER, {"clock": "host", **camera, **told})
-        )
-    return specs
+    return [*specs, *_camera(graph.T265_DRIVER, hardware.t265, told)]
+
+
+def _camera(
+    driver: str, section: Section | None, told: Mapping[str, ParameterValue]
+) -> list[NodeSpec]:
+    """Return the driver of a camera, if its section is there."""
+    if section is None:
+        return []
+    given = {key: value for key, value in section.items() if value}
+    return [NodeSpec("husky_drivers", driver, {"clock": "host", **given, **told})]

@@ -7,11 +7,12 @@ every device answers, so no drive gets torque while a part of the robot is missi
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple, TextIO
 
-from husky_bringup.hardware import Hardware
-from husky_drivers.probes import ProbeResult, probe_drives, probe_t265, probe_vn200
+from husky_bringup.hardware import Hardware, Section
+from husky_drivers.probes import ProbeResult, probe_d435, probe_drives, probe_t265, probe_vn200
 from husky_drivers.real_time import machine_lacks
 from husky_pu.companion.probe import probe_pixhawk
 from husky_pu.mavlink.frames import read_key
@@ -31,7 +32,7 @@ class Device(NamedTuple):
 
 def devices_of(hardware: Hardware) -> list[Device]:
     """Return the devices that a hardware file names."""
-    drives, imu, camera = hardware.drives, hardware.vn200, hardware.t265
+    drives, imu = hardware.drives, hardware.vn200
     patience = drives["frame_timeout"]
     devices = [
         Device(
@@ -44,15 +45,19 @@ def devices_of(hardware: Hardware) -> list[Device]:
     ]
     if hardware.pixhawk is not None:
         devices.append(Device(f"pixhawk on {hardware.connection}", lambda: _ask_pixhawk(hardware)))
-    if camera is not None:
-        where = camera["port"] or f"USB {camera['serial_number']}".strip()
-        devices.append(
-            Device(
-                f"t265 on {where}",
-                lambda: probe_t265(camera["backend"], camera["port"], camera["serial_number"]),
-            )
-        )
+    for name, camera, probe in (
+        ("t265", hardware.t265, probe_t265),
+        ("d435", hardware.d435, probe_d435),
+    ):
+        if camera is not None:
+            where = camera["port"] or f"USB {camera['serial_number']}".strip()
+            devices.append(Device(f"{name} on {where}", partial(_ask_camera, probe, camera)))
     return devices
+
+
+def _ask_camera(probe: Callable[..., ProbeResult], camera: Section) -> ProbeResult:
+    given = {key: value for key, value in camera.items() if key != "backend"}
+    return probe(camera["backend"], **given)
 
 
 def _ask_pixhawk(hardware: Hardware) -> ProbeResult:

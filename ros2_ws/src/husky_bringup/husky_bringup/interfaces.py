@@ -37,7 +37,7 @@ _PATIENCE = 60.0
 """Wall time that nodes may take to come up and to answer [s]."""
 
 _FITTED: dict[str, dict[str, tuple[ParameterValue, ParameterValue]]] = {
-    graph.PLANT: {"body": ("robot_with_unit", "robot")},
+    graph.PLANT: {"body": ("robot_with_unit", "robot"), "camera": (True, False)},
     graph.LOW_LEVEL_CONTROLLER: {"propulsion": (True, False)},
     graph.FOXGLOVE_GATEWAY: {"port": (0, 8765)},
     graph.CONSOLE: {"port": (0, 8080)},
@@ -69,9 +69,9 @@ class Interface:
 
 
 def all_nodes() -> tuple[NodeSpec, ...]:
-    """Return every node there is; each starts with its own defaults, but with the fans fitted."""
-    body: dict[str, ParameterValue] = {"body": "robot_with_unit"}
-    specs = simulated_robot(settings={graph.PLANT: body}, record="-", remote=True)
+    """Return every node there is; each has its defaults, but with fans and camera fitted."""
+    fitted: dict[str, ParameterValue] = {"body": "robot_with_unit", "camera": True}
+    specs = simulated_robot(settings={graph.PLANT: fitted}, record="-", remote=True)
     others = (
         NodeSpec("husky_control", graph.PLANNER),
         NodeSpec("husky_bringup", graph.TELEOP),

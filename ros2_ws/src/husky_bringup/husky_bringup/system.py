@@ -94,10 +94,10 @@ def simulated_robot(
 ) -> tuple[NodeSpec, ...]:
     """Return every node of the robot in simulation.
 
-    Which robot it is says the plant's parameter `robot`, one of `ROBOTS` or the path of a file;
-    what of it stands there its `body`, which bus its drives have its `bus`, how its fans are
-    mounted its `mounting`; the planner takes part when the controller's parameter `planner` says
-    so.
+    The plant's parameter `robot` selects the robot, one of `ROBOTS` or the path of a file; `body`
+    what of it stands there, `bus` the bus of its drives, `mounting` how its fans are mounted,
+    `camera` whether its depth camera is on. The planner takes part when the controller's parameter
+    `planner` says so.
 
     Args:
         time: one of `TIMES`.
@@ -134,6 +134,8 @@ def simulated_robot(
         wakes=wakes,
     )
     specs = [NodeSpec("husky_sim", graph.PLANT, {"time": time}), *_NODES[numbers.actuation](choice)]
+    if plant.get("camera", False):
+        specs.append(_camera(choice))
     if remote:
         specs.append(NodeSpec("husky_pu", graph.RC_TRANSMITTER, {"time": time}))
     if record is not None:
@@ -260,6 +262,13 @@ def _legs(choice: _Choice, bridge: NodeSpec) -> list[NodeSpec]:
         NodeSpec("husky_control", graph.LOW_LEVEL_CONTROLLER, controller),
         *([NodeSpec("husky_control", graph.PLANNER, dict(told))] if choice.planner else []),
     ]
+
+
+def _camera(choice: _Choice) -> NodeSpec:
+    """Return the depth camera's driver; raises ValueError for a body that carries none."""
+    if choice.body == "unit":
+        raise ValueError("camera is true, but body is 'unit': the robot carries the depth camera")
+    return NodeSpec("husky_drivers", graph.D435_DRIVER, {"clock": "device", **choice.told})
 
 
 def _unit(choice: _Choice) -> list[NodeSpec]:

@@ -13,6 +13,7 @@ from husky_runtime import graph
 
 LEAST = {"drives": {"interface": "eth1"}, "vn200": {"port": "/dev/imu"}}
 UNIT = {"pixhawk": {"port": "/dev/pixhawk"}, "t265": {}}
+CAMERA = {"d435": {"serial_number": "7", "profile": "424x240x6", "decimation": 2}}
 LEGS = {graph.DRIVE_BRIDGE, graph.VN200_DRIVER, graph.LOW_LEVEL_CONTROLLER}
 
 
@@ -44,9 +45,19 @@ def test_devices_of_the_unit_bring_its_nodes():
     assert specs[graph.T265_DRIVER] == {"clock": "host", "backend": "realsense"}
 
 
+def test_the_depth_camera_brings_its_driver():
+    specs = nodes({**LEAST, **CAMERA})
+    assert set(specs) == LEGS | {graph.D435_DRIVER}
+    expected = {"clock": "host", "backend": "realsense", **CAMERA["d435"]}
+    assert specs[graph.D435_DRIVER] == expected
+    sim = {"backend": "sim", "port": "/tmp/d435"}
+    driver = nodes({**LEAST, "d435": sim})[graph.D435_DRIVER]
+    assert driver == {"clock": "host", **sim, "profile": "640x480x15", "decimation": 4}
+
+
 def test_every_node_goes_by_the_wall_clock_and_none_is_of_the_simulation():
     settings = {graph.LOW_LEVEL_CONTROLLER: {"planner": True}}
-    hardware = parse_hardware({**LEAST, **UNIT})
+    hardware = parse_hardware({**LEAST, **UNIT, **CAMERA})
     specs = robot_on_hardware(hardware, settings, "bag", console=True)
     on_the_robot = {("time", "hardware"), ("clock", "host"), ("use_sim_time", False)}
     for spec in specs:
@@ -95,6 +106,8 @@ def without(section, key):
         ({**LEAST, "pixhawk": {}}, "pixhawk needs either port or connection"),
         ({**LEAST, "t265": {"backend": "usb"}}, "t265.backend is 'usb', it must be one of"),
         ({**LEAST, "t265": {"backend": "sim"}}, "t265.port belongs to t265.backend sim"),
+        ({**LEAST, "d435": {"port": "/tmp/d435"}}, "d435.port belongs to d435.backend sim"),
+        ({**LEAST, "d435": {"decimation": 9}}, "d435.decimation is 9, it must be 1 to 8"),
         ({**LEAST, "robot": "beta"}, "robot is 'beta', which has no drives"),
         ({**LEAST, "robot": 1}, "robot is 1, it must be a text"),
     ],
@@ -146,15 +159,16 @@ def test_every_device_of_the_file_is_asked_and_told_in_a_line():
         "vn200": ProbeResult(("VN-200, firmware 1",)),
         "pixhawk": ProbeResult((), "no autopilot is heard"),
         "t265": ProbeResult(("T265",)),
+        "d435": ProbeResult((), "no D435 7 on USB"),
     }
-    devices = hardware_check.devices_of(parse_hardware({**LEAST, **UNIT}))
+    devices = hardware_check.devices_of(parse_hardware({**LEAST, **UNIT, **CAMERA}))
     asked = [
         device._replace(probe=lambda device=device: answers[device.name.split()[0]])
         for device in devices
     ]
     output = io.StringIO()
     missing = hardware_check.check_devices(asked, output)
-    assert missing == ["drives on eth1", "pixhawk on serial:/dev/pixhawk:921600"]
+    assert missing == ["drives on eth1", "pixhawk on serial:/dev/pixhawk:921600", "d435 on USB 7"]
     assert output.getvalue().splitlines() == [
         "MISSING  drives on eth1: 2 slaves, expected are 12",
         "         2 slaves answer",
@@ -162,7 +176,23 @@ def test_every_device_of_the_file_is_asked_and_told_in_a_line():
         "ok       vn200 on /dev/imu: VN-200, firmware 1",
         "MISSING  pixhawk on serial:/dev/pixhawk:921600: no autopilot is heard",
         "ok       t265 on USB: T265",
+        "MISSING  d435 on USB 7: no D435 7 on USB",
     ]
+
+
+def test_cameras_are_probed_as_the_file_says():
+    cameras = {
+        "t265": {"backend": "sim", "port": "/no/t265"},
+        "d435": {"backend": "sim", "port": "/no/d435"},
+    }
+    *_, t265, d435 = hardware_check.devices_of(parse_hardware({**LEAST, **cameras}))
+    assert (t265.name, d435.name) == ("t265 on /no/t265", "d435 on /no/d435")
+    for device in (t265, d435):
+        found, problem = device.probe()
+        assert not found and "No such file" in problem
+    profile = {"d435": {"profile": "640x480"}}
+    *_, d435 = hardware_check.devices_of(parse_hardware({**LEAST, **profile}))
+    assert "profile is '640x480', it must be WIDTHxHEIGHTxFPS" in d435.probe().problem
 
 
 def test_devices_that_are_not_there_stop_the_start(tmp_path, capsys):

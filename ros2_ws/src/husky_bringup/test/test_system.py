@@ -46,9 +46,19 @@ def test_the_controller_uses_fans_only_where_there_are_some():
     assert nodes("robot_with_unit")[controller].parameters["propulsion"] is True
 
 
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_the_depth_camera_comes_with_its_driver(robot):
+    settings = {graph.PLANT: {"camera": True, "robot": robot}}
+    without = {graph.PLANT: {"camera": False, "robot": robot}}
+    names = [spec.name for spec in simulated_robot(settings=settings)]
+    assert [*(spec.name for spec in simulated_robot(settings=without)), graph.D435_DRIVER] == names
+
+
 def test_bad_body_and_node():
     with pytest.raises(ValueError, match="body is 'bird'"):
         nodes("bird")
+    with pytest.raises(ValueError, match="camera is true, but body is 'unit'"):
+        simulated_robot(settings={graph.PLANT: {"body": "unit", "camera": True}})
     with pytest.raises(ValueError, match="no node 'drive_bridge'"):
         simulated_robot(settings={graph.PLANT: {"body": "unit"}, graph.DRIVE_BRIDGE: {}})
 

@@ -15,8 +15,15 @@ class ClockRestart:
     buffer that was sent twice, say, unless it goes on from there.
     """
 
-    def __init__(self) -> None:
-        """No repeat has been seen."""
+    def __init__(self, beginning_ns: int = BEGINNING_NS, lasting: int = LASTING) -> None:
+        """No repeat has been seen.
+
+        Args:
+            beginning_ns: the time below which a sample is from the beginning [ns].
+            lasting: samples in a row after which they are no repeats.
+        """
+        self._beginning_ns = beginning_ns
+        self._lasting = lasting
         self._behind_ns = -1.0
         self._count = 0
 
@@ -30,7 +37,7 @@ class ClockRestart:
             return False
         self._count = self._count + 1 if self._count and time_ns > self._behind_ns else 1
         self._behind_ns = time_ns
-        if time_ns >= BEGINNING_NS and self._count < LASTING:
+        if time_ns >= self._beginning_ns and self._count < self._lasting:
             return False
         self._count = 0
         return True

@@ -10,16 +10,23 @@ from __future__ import annotations
 import select
 import termios
 import time
-from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from husky_description.robot import Robot
+from husky_drivers.camera_link import BackendError, CameraBackend, FrameT
+from husky_drivers.d435 import choice as d435_choice
+from husky_drivers.d435 import realsense as d435_realsense
+from husky_drivers.d435.frames import DepthFrame
 from husky_drivers.ethercat import objects as od
 from husky_drivers.ethercat.bus import GOLD_TWITTER, AlState, Bus, BusOptions, SdoAbort
 from husky_drivers.ethercat.soem_bus import SoemBus
-from husky_drivers.t265.backend import BackendError
-from husky_drivers.t265.choice import make_backend
-from husky_drivers.t265.frames import Confidence
+from husky_drivers.librealsense import describe_camera
+from husky_drivers.t265 import choice as t265_choice
+from husky_drivers.t265 import realsense as t265_realsense
+from husky_drivers.t265.frames import Confidence, PoseFrame
 from husky_drivers.vn200 import requests
 from husky_drivers.vn200.binary import IMU_LAYOUT
 from husky_drivers.vn200.protocol import AsciiMessage, Register
@@ -32,8 +39,8 @@ _SCAN_PATIENCE, _ANSWER_PATIENCE = 3.0, 0.5
 """Wall time for the baud rate of a VN-200 to be found, and for one answer [s]."""
 _DWELL = 0.04
 """Time that an answer may take while the rate is looked for, beyond that of its bytes [s]."""
-_POSE_PATIENCE = 5.0
-"""Wall time in which a camera that has started tells its first pose [s]."""
+_FRAME_PATIENCE = 5.0
+"""Wall time in which a camera that has started sends its first frame [s]."""
 
 
 class ProbeResult(NamedTuple):
@@ -184,7 +191,7 @@ class _Vn200Dialogue:
         return None
 
 
-# T265 -------------------------------------------------------------------------------------------
+# Cameras ----------------------------------------------------------------------------------------
 def probe_t265(backend_name: str, port: str, serial_number: str) -> ProbeResult:
     """Open the camera and wait for a pose.
 
@@ -193,39 +200,97 @@ def probe_t265(backend_name: str, port: str, serial_number: str) -> ProbeResult:
         port: of the stand-in.
         serial_number: of the camera, "" for any.
     """
+
+    def describe(frame: PoseFrame) -> str:
+        return f"poses come, confidence {Confidence(frame.tracker_confidence).name.lower()}"
+
+    return _probe_camera(
+        t265_realsense.MODEL,
+        lambda: t265_choice.make_backend(backend_name, port, serial_number),
+        "pose",
+        describe,
+        lambda: _identify_camera(
+            backend_name, t265_realsense.load_librealsense, t265_realsense.MODEL, serial_number
+        ),
+    )
+
+
+def probe_d435(
+    backend_name: str, port: str, serial_number: str, profile: str, decimation: int
+) -> ProbeResult:
+    """Open the depth camera and wait for an image.
+
+    Args:
+        backend_name: "realsense" for the camera, "sim" for the stand-in.
+        port: of the stand-in.
+        serial_number: of the camera, "" for any.
+        profile: of the camera's images, "WIDTHxHEIGHTxFPS".
+        decimation: pixels that become one, in each direction.
+    """
+
+    def describe(frame: DepthFrame) -> str:
+        height, width = frame.depth.shape
+        share = np.count_nonzero(frame.depth) / frame.depth.size
+        return f"images of {width} x {height} come, {share:.0%} of the pixels have depth"
+
+    return _probe_camera(
+        d435_realsense.MODEL,
+        lambda: d435_choice.make_backend(
+            backend_name,
+            port,
+            serial_number,
+            d435_realsense.DepthStream.of_profile(profile, decimation),
+        ),
+        "image",
+        describe,
+        lambda: _identify_camera(
+            backend_name, d435_realsense.load_librealsense, d435_realsense.MODEL, serial_number
+        ),
+    )
+
+
+def _probe_camera(
+    model: str,
+    make_backend: Callable[[], CameraBackend[FrameT]],
+    kind: str,
+    describe: Callable[[FrameT], str],
+    identify: Callable[[], Iterable[str]],
+) -> ProbeResult:
+    """Open a camera, wait for a frame and describe both.
+
+    Args:
+        model: of the camera.
+        make_backend: makes its backend.
+        kind: of its frames.
+        describe: describes a frame.
+        identify: returns what is known of the camera itself.
+    """
     try:
-        backend = make_backend(backend_name, port, serial_number)
-        backend.open()
-    except (BackendError, OSError) as error:
+        backend = make_backend()
+    except (BackendError, ValueError) as error:
         return ProbeResult((), str(error))
     try:
-        end = time.monotonic() + _POSE_PATIENCE
+        backend.open()
+        end = time.monotonic() + _FRAME_PATIENCE
         frames = list(backend.poll(0.1))
         while not frames and time.monotonic() < end:
             frames += backend.poll(0.1)
+        backend.close()
+        if not frames:
+            problem = f"{backend.path}: no {kind} within {_FRAME_PATIENCE:.0f} s"
+            return ProbeResult((), problem)
+        what = ", ".join((model, *identify()))
     except OSError as error:
         return ProbeResult((), str(error))
     finally:
         backend.close()
-    if not frames:
-        return ProbeResult((), f"{backend.path}: no pose within {_POSE_PATIENCE:.0f} s")
-    confidence = Confidence(frames[-1].tracker_confidence).name.lower()
-    what = ", ".join(("T265", *_describe_camera(backend_name, serial_number)))
-    return ProbeResult((f"{what} on {backend.path}, poses come, confidence {confidence}",))
+    return ProbeResult((f"{what} on {backend.path}, {describe(frames[-1])}",))
 
 
-def _describe_camera(backend_name: str, serial_number: str) -> Iterator[str]:
-    """Return serial number and firmware of the camera, as librealsense tells them."""
+def _identify_camera(
+    backend_name: str, load: Callable[[], Any], model: str, serial_number: str
+) -> Iterable[str]:
+    """Return serial number and firmware of a camera, as librealsense reports them."""
     if backend_name != "realsense":
-        yield "the stand-in"
-        return
-    from husky_drivers.t265.realsense import load_librealsense
-
-    library = load_librealsense()
-    info = library.camera_info
-    for device in library.context().query_devices():
-        number = device.get_info(info.serial_number)
-        if "T265" in device.get_info(info.name) and serial_number in ("", number):
-            yield f"serial number {number}"
-            yield f"firmware {device.get_info(info.firmware_version)}"
-            return
+        return ("the stand-in",)
+    return describe_camera(load(), model, serial_number)

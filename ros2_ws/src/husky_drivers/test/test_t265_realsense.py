@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from husky_drivers.t265.backend import BackendError
+from husky_drivers.camera_link import BackendError
 from husky_drivers.t265.choice import make_backend
 from husky_drivers.t265.frames import odometry
 from husky_drivers.t265.realsense import RealsenseBackend, load_librealsense

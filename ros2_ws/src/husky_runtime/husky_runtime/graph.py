@@ -41,6 +41,10 @@ PROPULSION_COMMAND = "propulsion/command"
 PROPULSION_STATE = "propulsion/state"
 BATTERY = "propulsion/battery"
 T265_ODOMETRY = "t265/odom"
+DEPTH_IMAGE = "camera/camera/depth/image_rect_raw"
+DEPTH_CAMERA_INFO = "camera/camera/depth/camera_info"
+DEPTH_POINTS = "camera/camera/depth/color/points"
+"""Of the depth camera, as realsense-ros names them."""
 INCLINE_PLAN = "planner/plan"
 ROBOT_DESCRIPTION = "robot_description"
 TF = "tf"
@@ -84,6 +88,7 @@ FLIGHT_CONTROLLER = "flight_controller"
 PIXHAWK_BRIDGE = "pixhawk_bridge"
 RC_TRANSMITTER = "rc_transmitter"
 T265_DRIVER = "t265_driver"
+D435_DRIVER = "d435_driver"
 RECORDER = "recorder"
 TELEOP = "teleop"
 FOXGLOVE_GATEWAY = "foxglove_gateway"
@@ -101,6 +106,7 @@ NODES = (
     PIXHAWK_BRIDGE,
     RC_TRANSMITTER,
     T265_DRIVER,
+    D435_DRIVER,
 )
 """Those that are the robot: one of each in a domain."""
 
@@ -125,6 +131,9 @@ FRAME_FOOTPRINT = "base_footprint"
 FRAME_IMU = "imu_link"
 FRAME_T265 = "t265_link"
 FRAME_T265_ODOM = "t265_odom"
+FRAME_CAMERA = "camera_link"
+FRAME_CAMERA_DEPTH = "camera_depth_frame"
+FRAME_CAMERA_OPTICAL = "camera_depth_optical_frame"
 
 
 @dataclass(frozen=True)
@@ -187,6 +196,9 @@ TOPICS = (
     Topic(PROPULSION_STATE, "husky_msgs/msg/PropulsionState", (PIXHAWK_BRIDGE,), "STATUS", 50.0),
     Topic(BATTERY, "sensor_msgs/msg/BatteryState", (PIXHAWK_BRIDGE,), "STATUS", 10.0),
     Topic(T265_ODOMETRY, "nav_msgs/msg/Odometry", (T265_DRIVER,), "CONTROL", 200.0),
+    Topic(DEPTH_IMAGE, "sensor_msgs/msg/Image", (D435_DRIVER,), "STATUS", 10.0),
+    Topic(DEPTH_CAMERA_INFO, "sensor_msgs/msg/CameraInfo", (D435_DRIVER,), "STATUS", 10.0),
+    Topic(DEPTH_POINTS, "sensor_msgs/msg/PointCloud2", (D435_DRIVER,), "STATUS", 0.0),
     Topic(INCLINE_PLAN, "husky_msgs/msg/InclinePlan", (PLANNER,), "LATCHED", 0.0),
     Topic(ROBOT_DESCRIPTION, "std_msgs/msg/String", JOINT_BRIDGES, "LATCHED", 0.0),
     Topic(
@@ -196,7 +208,13 @@ TOPICS = (
         "TF",
         0.0,
     ),
-    Topic(TF_STATIC, "tf2_msgs/msg/TFMessage", (*JOINT_BRIDGES, T265_DRIVER), "LATCHED", 0.0),
+    Topic(
+        TF_STATIC,
+        "tf2_msgs/msg/TFMessage",
+        (*JOINT_BRIDGES, T265_DRIVER, D435_DRIVER),
+        "LATCHED",
+        0.0,
+    ),
     Topic(
         MARKERS,
         "visualization_msgs/msg/MarkerArray",
@@ -213,7 +231,8 @@ TOPICS = (
         1.0,
     ),
 )
-"""Every topic of the graph; those of the propulsion unit are there when it is."""
+"""Every topic of the graph; those of the propulsion unit and of the depth camera are there when it
+is."""
 
 
 def absolute(name: str, namespace: str = "/") -> str:

@@ -9,12 +9,12 @@ from nav_msgs.msg import Odometry
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 
 from husky_description.link_frames import transform_of
+from husky_drivers.camera_link import BackendError, CameraState
 from husky_drivers.nodes.clock_parameters import declare_clock
-from husky_drivers.t265.backend import BackendError, T265Backend
 from husky_drivers.t265.choice import BACKENDS, make_backend
 from husky_drivers.t265.frames import Confidence, PoseFrame, covariance, odometry
 from husky_drivers.t265.gate import JumpLimits
-from husky_drivers.t265.link import CameraState, LinkConfig, T265Link
+from husky_drivers.t265.link import LinkConfig, T265Backend, T265Link
 from husky_drivers.vn200.clock import HostClock
 from husky_runtime import graph
 from husky_runtime.nodes import diagnostics, qos

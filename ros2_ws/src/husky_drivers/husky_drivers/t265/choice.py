@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from husky_drivers.t265.backend import T265Backend
+from husky_drivers.t265.link import T265Backend
 from husky_drivers.t265.realsense import RealsenseBackend, load_librealsense
 from husky_drivers.t265.sim import SimBackend
 

@@ -1,30 +1,25 @@
-"""The thread that serves a T265: opens it, hands its frames out, and opens it again."""
+"""The thread that serves a T265: hands its poses out, and tells of tracking and of jumps."""
 
 from __future__ import annotations
 
-import errno
-import threading
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from enum import Enum
 
-from husky_drivers.silence import Silence, WorldTime
-from husky_drivers.t265.backend import T265Backend
+from husky_drivers.camera_link import CameraBackend, CameraLink, CameraPatience, CameraState
+from husky_drivers.silence import WorldTime
 from husky_drivers.t265.frames import Confidence, PoseFrame
 from husky_drivers.t265.gate import JumpLimits, PoseGate
 
-_LONGEST_WAIT = 0.05
-"""Longest wait for frames [s]: bounds how late silence, and the wish to stop, are noticed."""
+T265Backend = CameraBackend[PoseFrame]
+"""The camera, or the simulated device."""
 
 
 @dataclass(frozen=True)
-class LinkConfig:
-    """When a device that is open counts as failed.
+class LinkConfig(CameraPatience):
+    """When a device that is open counts as failed, and when it jumps.
 
     Attributes:
-        stale_after: time without a new frame after which the stream counts as frozen [s].
-        silence_timeout: the same after which the device is closed and opened again [s].
+        stale_after, silence_timeout: as of `CameraPatience` [s].
         limits: what counts as a jump.
     """
 
@@ -33,28 +28,12 @@ class LinkConfig:
     limits: JumpLimits = JumpLimits()  # noqa: RUF009 - frozen
 
 
-class CameraState(Enum):
-    """What a link is doing."""
-
-    STOPPED = "stopped"
-    NO_DEVICE = "no device"
-    WAITING = "waiting for the first frame"
-    TRACKING = "tracking"
-    LOW_CONFIDENCE = "tracking, low confidence"
-    LOST = "tracking lost"
-    FROZEN = "frozen"
-
-
-class T265Link:
+class T265Link(CameraLink[PoseFrame]):
     """Holds the stream of poses.
 
     Attributes:
         backend: the device.
         gate: which frames are good, with its counters; read by other threads for reports only.
-        state: see `CameraState`.
-        error: why the device is not open, "" when it is.
-        connections: how often it has been opened.
-        times_frozen: how often the stream has frozen.
     """
 
     def __init__(
@@ -76,104 +55,25 @@ class T265Link:
                 the pose has jumped.
             world_time: of the device; called in the link's thread.
         """
+        super().__init__("t265", backend, config, on_event, world_time)
         self.backend = backend
         self.gate = PoseGate(config.limits)
-        self.state = CameraState.STOPPED
-        self.error = ""
-        self.connections = 0
-        self.times_frozen = 0
-        self._config = config
         self._on_frame = on_frame
-        self._on_event = on_event
-        self._told = ""
-        self._silence = Silence(world_time)
-        self._stop = threading.Event()
-        self._thread: threading.Thread | None = None
-
-    def start(self) -> None:
-        """Start the thread."""
-        self._thread = threading.Thread(target=self._run, name="t265", daemon=True)
-        self._thread.start()
-
-    def stop(self) -> None:
-        """End the thread and close the device; the link cannot be started again."""
-        self._stop.set()
-        if self._thread is not None:
-            self._thread.join()
-            self._thread = None
+        self._jumps_told = 0
 
     # In the thread ------------------------------------------------------------------------------
-    def _run(self) -> None:
-        backend = self.backend
-        while not self._stop.is_set():
-            try:
-                backend.open()
-                self.connections += 1
-                self.error = ""
-                self._serve()
-            except OSError as error:
-                self.error = error.strerror or str(error)
-            finally:
-                backend.close()
-            if not self._stop.is_set():
-                self._enter(CameraState.NO_DEVICE)
-                self._stop.wait(backend.retry_period)
-        self.state = CameraState.STOPPED
+    def _take(self, frame: PoseFrame, host_ns: int) -> bool:
+        if not self.gate.accept(frame):
+            return False
+        self._on_frame(frame, host_ns)
+        return True
 
-    def _serve(self) -> None:
-        """Hand frames out until the link is to stop.
-
-        Raises:
-            OSError: the device is gone, or has been silent for too long.
-        """
-        config, accept, on_frame = self._config, self.gate.accept, self._on_frame
-        counters = self.gate.counters
-        poll = self.backend.poll
-        jumps = counters.jumps
-        wait = min(_LONGEST_WAIT, config.stale_after)
-        self._enter(CameraState.WAITING)
-        last = time.monotonic()
-        self._silence.heard()
-        while not self._stop.is_set():
-            frames = poll(wait)
-            host_ns = time.time_ns()
-            now = time.monotonic()
-            good = counters.good
-            for frame in frames:
-                if accept(frame):
-                    on_frame(frame, host_ns)
-            if counters.good > good:
-                last = now
-                self._silence.heard(1e-9 * frames[-1].time_ns)
-                self._enter(_STATE_OF_CONFIDENCE[self.gate.confidence])
-                if counters.jumps > jumps:
-                    jumps = counters.jumps
-                    self._on_event(f"the pose has jumped by {self.gate.last_jump:.2f}")
-            elif now - last > config.stale_after:
-                self._look_at_silence(now - last)
-
-    def _look_at_silence(self, wall: float) -> None:
-        """A stream whose world stands still is late, not frozen; `wall` [s] is how late.
-
-        Raises:
-            OSError: the device has been silent for too long.
-        """
-        silent, longest = self._silence.lasts(wall), self._config.silence_timeout
-        if silent > longest:
-            raise OSError(errno.ETIMEDOUT, f"no frame for {longest:g} s")
-        if silent > self._config.stale_after and self.state is not CameraState.WAITING:
-            self._enter(CameraState.FROZEN)
-
-    def _enter(self, state: CameraState) -> None:
-        """Note the state, and tell of a change once."""
-        if state is self.state and state is not CameraState.NO_DEVICE:
-            return
-        self.times_frozen += state is CameraState.FROZEN
-        self.state = state
-        text = f"{state.value}: {self.error}" if self.error else state.value
-        if text != self._told:
-            self._told = text
-            self._on_event(text)
+    def _judge(self) -> None:
+        self._enter(_STATE_OF_CONFIDENCE[self.gate.confidence])
+        jumps = self.gate.counters.jumps
+        if jumps > self._jumps_told:
+            self._jumps_told = jumps
+            self._on_event(f"the pose has jumped by {self.gate.last_jump:.2f}")
 
 
 _STATE_OF_CONFIDENCE = {

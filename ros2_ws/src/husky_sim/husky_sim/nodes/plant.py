@@ -22,6 +22,7 @@ from husky_runtime.nodes.run import run
 from husky_runtime.nodes.tick_clock import TickClock, percentile_ms
 from husky_sim.devices.vn200.device import Vn200Device
 from husky_sim.nodes.answered_wire import peer_of
+from husky_sim.nodes.camera_wire import CameraWire
 from husky_sim.nodes.ground_markers import GroundMarkers
 from husky_sim.nodes.ground_truth import GroundTruth
 from husky_sim.nodes.joint_wires import open_joint_wires
@@ -76,6 +77,10 @@ class Plant(OneClock, Node):
         if self._world.fans is not None:
             self._wires = PropulsionWires(self, self._world, self._seed, grace, self._on_answer)
             self.hot.append(self._wires.hot)
+        self._camera: CameraWire | None = None
+        if declare(self, "camera", False, "switches the depth camera on"):
+            self._camera = CameraWire(self, self._world, self._seed, grace, self._lockstep)
+            self.hot_wires = [*self.hot_wires, self._serve_camera]
         self._offer_services()
         self._diagnostics = diagnostics.Diagnostics(self, "MuJoCo", self._report)
         self.hot_timers = []
@@ -109,6 +114,14 @@ class Plant(OneClock, Node):
             self._advance()
             self._settle()
 
+    def _serve_camera(self) -> bool:
+        """Carry what is on the camera's wire; go on when its driver has taken an image."""
+        assert self._camera is not None
+        if not self._camera.service():
+            return False
+        self._on_answer()
+        return True
+
     def quiet(self) -> None:
         """Talk to the IMU's driver, say again what was lost, go on without a lost peer."""
         self._imu.service()
@@ -120,6 +133,8 @@ class Plant(OneClock, Node):
             self._wires.serve()
             if self._started:
                 self._wires.await_answer(time.monotonic())
+        if self._camera is not None and self._started:
+            self._camera.await_answer(time.monotonic())
         self._advance()
         self._settle()
         if self._started:
@@ -139,13 +154,14 @@ class Plant(OneClock, Node):
 
     def _is_answered(self) -> bool:
         """Return whether everyone who takes part has answered the state of now."""
-        wires = self._wires
-        return self._joints.ready() and (wires is None or wires.ready())
+        wires = (self._joints, self._wires, self._camera)
+        return all(each.ready() for each in wires if each is not None)
 
     def _sensors_are_set_up(self) -> bool:
         """Return whether the drivers have told their devices to stream: no run misses a sample."""
         imu, joints = self._imu.is_set_up(), self._joints.is_set_up()
-        return (self._wires is None or self._wires.driver_is_set_up()) and imu and joints
+        camera = self._camera is None or self._camera.is_set_up()
+        return (self._wires is None or self._wires.driver_is_set_up()) and imu and joints and camera
 
     def _running(self) -> bool:
         return self._steps.left > 0 or not self._paused
@@ -165,6 +181,8 @@ class Plant(OneClock, Node):
         self._imu.service()
         if self._wires is not None:
             self._wires.serve()
+        if self._camera is not None:
+            self._camera.advance()
         self._truth.remember()
         world.measure_sliding()
         if (world.time_ns // graph.TICK_PERIOD_NS) % _TRUTH_EVERY == 0:
@@ -214,6 +232,8 @@ class Plant(OneClock, Node):
         self._joints.restart()
         if self._wires is not None:
             self._wires.restart(self._seed)
+        if self._camera is not None:
+            self._camera.restart(self._seed)
         self._world_clock.time_ns = 0
         self._started = False
         self._end_step("a reset")
@@ -281,7 +301,7 @@ class Plant(OneClock, Node):
 
     def _on_inject_fault(self, request: InjectFault.Request, response: InjectFault.Response):  # type: ignore[no-untyped-def]
         try:
-            wires = [self._joints, *([self._wires] if self._wires is not None else ())]
+            wires = [w for w in (self._joints, self._wires, self._camera) if w is not None]
             if any(each.inject(request.target, request.fault) for each in wires):
                 response.success = True
                 return response
@@ -299,9 +319,8 @@ class Plant(OneClock, Node):
         return response
 
     def _report(self) -> diagnostics.Report:
-        peers = [self._joints.peer]
-        if self._wires is not None:
-            peers.append(self._wires.peer)
+        wires = (self._joints, self._wires, self._camera)
+        peers = [each.peer for each in wires if each is not None]
         lost = [peer.name for peer in peers if peer.presence is Presence.LOST]
         level, message = diagnostics.OK, "running"
         if lost:
@@ -334,6 +353,8 @@ class Plant(OneClock, Node):
         self._joints.close()
         if self._wires is not None:
             self._wires.close()
+        if self._camera is not None:
+            self._camera.close()
 
 
 def main() -> int:

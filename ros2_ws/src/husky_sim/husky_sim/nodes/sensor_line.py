@@ -1,19 +1,21 @@
-"""A sensor on its serial line, and the driver that is awaited before a run starts."""
+"""A sensor on its line, and the driver that is awaited before a run starts."""
 
 from __future__ import annotations
 
 import time
-from typing import Generic, Protocol, TypeVar
+from collections.abc import Callable
+from typing import Any, Generic, Protocol, TypeVar
 
 from rclpy.node import Node
 
 from husky_runtime.lockstep import Peer
 from husky_runtime.nodes.parameters import declare
 from husky_runtime.nodes.presence import default_serial_port
-from husky_runtime.ports.pty_port import PtyPort, SerialDevice
+from husky_runtime.ports.pty_port import PtyPort
+from husky_runtime.ports.socket_port import StreamDevice
 
 
-class Sensor(SerialDevice, Protocol):
+class Sensor(StreamDevice, Protocol):
     """A device that streams what it measures, and that can be made to fail."""
 
     @property
@@ -27,10 +29,38 @@ class Sensor(SerialDevice, Protocol):
 SensorT = TypeVar("SensorT", bound=Sensor)
 
 
+class SensorPort(Protocol):
+    """The device's end of a line: a pseudo-terminal, or a stream socket."""
+
+    @property
+    def plugged(self) -> bool:
+        """Whether the port is there."""
+
+    def service(self, device: Any) -> object:
+        """Carry what is on the wire in both directions."""
+
+    def unplug(self) -> None:
+        """Pull the plug."""
+
+    def replug(self) -> None:
+        """Plug in again."""
+
+    def close(self) -> None:
+        """Unplug for good."""
+
+
 class SensorLine(Generic[SensorT]):
     """Carries the bytes of a sensor, its `device`."""
 
-    def __init__(self, node: Node, device: SensorT, parameter: str, what: str, driver: Peer):
+    def __init__(
+        self,
+        node: Node,
+        device: SensorT,
+        parameter: str,
+        what: str,
+        driver: Peer,
+        make_port: Callable[[str], SensorPort] = PtyPort,
+    ):
         """Make the port.
 
         Args:
@@ -39,13 +69,14 @@ class SensorLine(Generic[SensorT]):
             parameter: name of the plant's parameter that says where the port appears.
             what: what appears there, for the parameter's description.
             driver: who is awaited at the start only; also the name of the port by default.
+            make_port: makes the port at a path.
         """
         self.device = device
         self._node = node
         self._driver = driver
         name = driver.name.removesuffix("_driver")
         default = default_serial_port(node, name)
-        self._port = PtyPort(declare(node, parameter, default, f"where {what} appears"))
+        self._port = make_port(declare(node, parameter, default, f"where {what} appears"))
 
     def is_set_up(self) -> bool:
         """Return whether the driver listens, so that no run misses a sample, or is given up."""
@@ -55,9 +86,14 @@ class SensorLine(Generic[SensorT]):
             warn_of_silence(self._node, self._driver)
         return self._driver.ready(0)
 
-    def service(self) -> None:
-        """Carry what is on the wire."""
-        self._port.service(self.device)
+    @property
+    def plugged(self) -> bool:
+        """Whether a driver can reach the sensor."""
+        return self._port.plugged
+
+    def service(self) -> object:
+        """Carry what is on the wire; return what the port says of it."""
+        return self._port.service(self.device)
 
     def inject(self, fault: str) -> None:
         """Pull the plug, or plug in and start `<fault>[:<intensity>]`, or heal with "".

@@ -1,0 +1,1 @@
+"""RealSense D435 depth camera: backends, frames, driver logic."""
