@@ -227,9 +227,10 @@ class D435Section:
     Width and height of the image [pixels]; its field of view, horizontal and vertical [rad]; rate
     [Hz]; baseline of the imagers [m]; latency from the middle of the exposure to the host [s];
     least and greatest depth [m]. At the depth d its standard deviation is noise_floor [m] +
-    noise_gain [1/m] (d - noise_range [m])^2 along the optical axis and lateral_noise [-] d across.
-    Shares [-]: pixels that have no depth, blocks of 8 by 8 pixels that have none, and pixels at an
-    edge whose depth lies between both sides.
+    noise_gain [1/m] (d - noise_range [m])^2 along the optical axis and lateral_noise [-] d across;
+    there is always some, as a driver takes equal images for those of a stuck camera. Shares [-]:
+    pixels that have no depth, blocks of 8 by 8 pixels that have none, and pixels at an edge whose
+    depth lies between both sides.
     """
 
     position: Annotated[Array, vector(3, -0.5, 0.5)]
@@ -244,7 +245,7 @@ class D435Section:
     baseline: Annotated[float, number(0.001, 0.5)]
     latency: Annotated[float, number(0.0, 1.0)]
     range: Annotated[Array, vector(2, 0.01, 100.0)]
-    noise_floor: Annotated[float, number(0.0, 0.1)]
+    noise_floor: Annotated[float, number(1e-4, 0.1)]
     noise_gain: Annotated[float, number(0.0, 0.1)]
     noise_range: Annotated[float, number(0.0, 10.0)]
     lateral_noise: Annotated[float, number(0.0, 0.1)]

@@ -1,4 +1,4 @@
-"""What the drivers of cameras share: a backend, and the thread that serves it."""
+"""Common part of the drivers of cameras: a backend, and the thread that serves it."""
 
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ from typing import Generic, Protocol, TypeVar
 
 from husky_drivers.silence import Silence, WorldTime
 
+LATEST_TIME_MS = 2.0**31 * 1e3
+"""First time of a frame that no stamp of ROS can hold [ms]."""
 _LONGEST_WAIT = 0.05
 """Longest wait for frames [s]: bounds how late silence, and the wish to stop, are noticed."""
 
@@ -63,7 +65,7 @@ class CameraBackend(Protocol[FrameT_co]):
 
 @dataclass(frozen=True)
 class CameraPatience:
-    """When a device that is open counts as failed.
+    """Time without frames after which an open device counts as frozen, and as failed.
 
     Attributes:
         stale_after: time without a new frame after which the stream counts as frozen [s].
@@ -162,21 +164,27 @@ class CameraLink(ABC, Generic[FrameT]):
 
     # In the thread ------------------------------------------------------------------------------
     def _run(self) -> None:
+        try:
+            while not self._stop.is_set():
+                self._open_and_serve()
+        finally:
+            self.state = CameraState.STOPPED
+
+    def _open_and_serve(self) -> None:
+        """Serve the device until it is gone, or the link is to stop."""
         device = self._device
-        while not self._stop.is_set():
-            try:
-                device.open()
-                self.connections += 1
-                self.error = ""
-                self._serve()
-            except OSError as error:
-                self.error = error.strerror or str(error)
-            finally:
-                device.close()
-            if not self._stop.is_set():
-                self._enter(CameraState.NO_DEVICE)
-                self._stop.wait(device.retry_period)
-        self.state = CameraState.STOPPED
+        try:
+            device.open()
+            self.connections += 1
+            self.error = ""
+            self._serve()
+        except OSError as error:
+            self.error = error.strerror or str(error)
+        finally:
+            device.close()
+        if not self._stop.is_set():
+            self._enter(CameraState.NO_DEVICE)
+            self._stop.wait(device.retry_period)
 
     def _serve(self) -> None:
         """Take frames until the link is to stop.

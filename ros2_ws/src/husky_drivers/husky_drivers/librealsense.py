@@ -127,8 +127,8 @@ class LibrealsenseBackend(ABC, Generic[FrameT]):
             context = library.context()
             device = find_camera(library, context, self._model, self._serial_number)
             config = library.config()
-            if self._serial_number:
-                config.enable_device(self._serial_number)
+            # Of several cameras the one that was found.
+            config.enable_device(device.get_info(library.camera_info.serial_number))
             stream = self._enable(device, config)
             pipeline = library.pipeline(context)
             pipeline.start(config, self._on_frame)

@@ -79,7 +79,7 @@ def test_the_outer_edges_of_the_image_are_those_of_the_field(across, down, width
     ],
 )
 def test_depth_in_millimetres(unit, depth, millimetres):
-    """What 16 bits cannot hold is no depth; what is nearer than half a millimetre is none."""
+    """Depth beyond 16 bits, or nearer than half a millimetre, is none."""
     image = frame_of(np.array([depth], np.uint16), unit).millimetres()
     assert image.dtype == np.uint16
     assert image.tolist() == [millimetres]

@@ -182,8 +182,18 @@ def test_a_power_cycle_counts_from_zero_and_its_time_goes_on():
         (frame,) = send(device, number)
         assert (frame.number, frame.time_ns) == (frame_number, number * PERIOD_NS)
         assert np.array_equal(frame.depth, picture(number))
+
+    device.inject("power_cycle")
+    assert send(device, 9)[0].number == 0
+
+
+def test_after_a_reset_of_the_world_no_number_comes_again():
+    """So a late `taken` answers no new frame; gaps stay gaps."""
+    device = listening()
+    send(device, 0)
+    send(device, 3)
     device.restart(1)
-    assert send(device, 3)[0].number == 3
+    assert [send(device, number)[0].number for number in (0, 1, 5)] == [4, 5, 9]
 
 
 @pytest.mark.parametrize("fault", ["", "dirt", "noise", "garbage"])
@@ -198,6 +208,7 @@ def test_a_frame_is_the_seeds(fault):
     late.feed(START)
     late.send(0, 0, picture(3))
     late.take_output()
+    late.inject("power_cycle")  # frames count from 0
     late.inject(fault)
     late.restart(5)
     assert [late.send(k, 0, picture(k)) is not None for k in range(6)] == frames

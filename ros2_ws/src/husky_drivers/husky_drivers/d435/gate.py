@@ -1,4 +1,4 @@
-"""Which depth frames are good, and what they say of the camera: repeats, gaps, no depth, stuck."""
+"""Checks of depth frames: repeated, missing, without depth, stuck, impossible."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from enum import Enum
 
 import numpy as np
 
+from husky_drivers.camera_link import LATEST_TIME_MS
 from husky_drivers.clock_restart import ClockRestart
 from husky_drivers.d435.frames import DepthFrame
 
@@ -34,7 +35,7 @@ class Verdict(Enum):
 
 @dataclass
 class DepthCounters:
-    """What became of the frames since the driver started.
+    """Counts of frames by verdict since the driver started.
 
     Attributes:
         good: frames handed out.
@@ -82,7 +83,9 @@ class DepthGate:
             if frame.time_ms > last.time_ms:
                 self._restart.moved_on()
                 counters.missed += max(0, frame.number - last.number - 1)
-            elif self._restart.is_restart(1e6 * frame.time_ms, 1e6 * last.time_ms):
+            elif _is_first_again(frame, last) or self._restart.is_restart(
+                1e6 * frame.time_ms, 1e6 * last.time_ms
+            ):
                 counters.clock_restarts += 1
                 last = None
             else:
@@ -103,6 +106,12 @@ class DepthGate:
         return Verdict.GOOD
 
 
+def _is_first_again(frame: DepthFrame, last: DepthFrame) -> bool:
+    """Return whether another frame has the time of the last, both soon after a clock's start."""
+    same_time = frame.time_ms == last.time_ms < 1e-6 * _BEGINNING_NS
+    return same_time and frame.number != last.number
+
+
 def _sane(frame: DepthFrame) -> bool:
     i = frame.intrinsics
     least, greatest = _DEPTH_UNITS
@@ -115,5 +124,5 @@ def _sane(frame: DepthFrame) -> bool:
         and abs(i.cx) < math.inf
         and abs(i.cy) < math.inf
         and least <= frame.depth_unit <= greatest
-        and 0.0 <= frame.time_ms < 1e13
+        and 0.0 <= frame.time_ms < LATEST_TIME_MS
     )

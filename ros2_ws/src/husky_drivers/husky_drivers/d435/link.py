@@ -21,7 +21,7 @@ class D435Backend(CameraBackend[DepthFrame], Protocol):
 
 @dataclass(frozen=True)
 class DepthLinkConfig(CameraPatience):
-    """When a device that is open counts as failed, and when as covered.
+    """Limits at which an open device counts as frozen, failed or covered.
 
     Attributes:
         stale_after, silence_timeout: as of `CameraPatience` [s].

@@ -42,7 +42,7 @@ _MOST_PIXELS = 1280 * 720
 
 
 def taken(number: int) -> bytes:
-    """Return what the host says when it has passed a frame on."""
+    """Return the host's message that it has passed a frame on."""
     return _TAKEN + _NUMBER.pack(number & _ALL_BITS)
 
 
@@ -82,7 +82,7 @@ def _decode(body: bytes) -> DepthFrame | None:
 
 @dataclass
 class WireCounters:
-    """What a parser has seen; each byte is in a frame, garbage, or still pending.
+    """Counts of a parser; each byte is in a frame, garbage, or still pending.
 
     Attributes:
         bytes: bytes fed.

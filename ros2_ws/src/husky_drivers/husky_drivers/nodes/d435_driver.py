@@ -82,7 +82,7 @@ class D435Driver(DeviceNode[D435Link]):
         self.autostart()
 
     def _declare_stream(self) -> DepthStream:
-        """Declare what the real camera is asked for; raises ValueError for a bad profile."""
+        """Declare the real camera's stream; raises ValueError for a bad profile."""
         default = DepthStream()
         what = "of backend realsense: size and rate of the camera's images, WIDTHxHEIGHTxFPS"
         profile = declare(self, "profile", default.profile, what)
@@ -171,7 +171,7 @@ class D435Driver(DeviceNode[D435Link]):
 
 
 class _Pinhole:
-    """What follows from the intrinsics of the images, which hardly ever change.
+    """Messages of a pinhole, made once: the intrinsics of a camera hardly ever change.
 
     Attributes:
         info: message of a stamp.

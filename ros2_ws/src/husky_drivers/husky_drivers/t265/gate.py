@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 from husky_description.rotation import Quaternion, Vector
+from husky_drivers.camera_link import LATEST_TIME_MS
 from husky_drivers.clock_restart import ClockRestart
 from husky_drivers.t265.frames import Confidence, PoseFrame
 
@@ -126,7 +127,7 @@ def _sane(frame: PoseFrame) -> bool:
         and _sum(frame.translation) < _MAX_TRANSLATION
         and _sum(frame.velocity) < _MAX_VELOCITY
         and _sum(frame.angular_velocity) < _MAX_ANGULAR_VELOCITY
-        and 0.0 <= frame.time_ms < 1e13
+        and 0.0 <= frame.time_ms < LATEST_TIME_MS
         and Confidence.FAILED <= frame.tracker_confidence <= Confidence.HIGH
     )
 

@@ -13,6 +13,8 @@ from husky_runtime import record_lock
 from husky_runtime.ports import port_lock
 
 _READ_SIZE = 65536
+_LONGEST_PATH = 107
+"""Bytes of a path that a Unix socket can have."""
 _SEND_BUFFER = 1 << 20
 """Bytes that the kernel takes from the device before the driver reads: some images."""
 
@@ -50,6 +52,7 @@ class SocketPort:
             FileExistsError: another process serves this path, or it is something else than a
                 socket.
             PermissionError: another user has left something there.
+            ValueError: the path is too long for a socket.
         """
         self.path = Path(path)
         self.dropped = 0
@@ -65,7 +68,7 @@ class SocketPort:
 
     @property
     def connected(self) -> bool:
-        """Whether a driver is there, as of the last `service`."""
+        """True while a driver is there, as of the last `service`."""
         return self._driver is not None
 
     def service(self, device: StreamDevice) -> bool:
@@ -123,7 +126,7 @@ class SocketPort:
     # The plug -----------------------------------------------------------------------------------
     @property
     def plugged(self) -> bool:
-        """Whether the port is there."""
+        """True while the port is there."""
         return self._listener is not None
 
     def unplug(self) -> None:
@@ -138,13 +141,24 @@ class SocketPort:
         self._listener = None
 
     def replug(self) -> None:
-        """Plug in again; raises FileExistsError if the path is taken by anything but a socket."""
+        """Plug in again.
+
+        Raises:
+            FileExistsError: the path is taken by anything but a socket.
+            ValueError: the path is too long for a socket.
+        """
         if self._listener is not None:
             return
         if self.path.exists() and not stat.S_ISSOCK(os.stat(self.path).st_mode):
             raise FileExistsError(f"{self.path} exists and is no socket")
-        listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         fresh = self.path.with_name(f".{self.path.name}.{os.getpid()}")
+        spare = _LONGEST_PATH - len(os.fsencode(fresh))
+        if spare < 0:
+            most = len(os.fsencode(self.path)) + spare
+            raise ValueError(
+                f"{self.path} is too long for the path of a socket, it may have {most} bytes"
+            )
+        listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         try:
             fresh.unlink(missing_ok=True)
             listener.bind(str(fresh))
@@ -152,12 +166,11 @@ class SocketPort:
             listener.setblocking(False)
             self._inode = os.stat(fresh).st_ino
             fresh.replace(self.path)
-        except PermissionError as error:
+        except OSError as error:
             fresh.unlink(missing_ok=True)
             listener.close()
-            raise record_lock.left_by_another(self.path) from error
-        except OSError:
-            listener.close()
+            if isinstance(error, PermissionError):
+                raise record_lock.left_by_another(self.path) from error
             raise
         self._listener = listener
 

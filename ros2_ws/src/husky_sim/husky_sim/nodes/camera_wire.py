@@ -43,7 +43,8 @@ class CameraWire:
     The rays of an image are cast in a thread of their own, on a copy of the state at its tick,
     while the world goes on. In lockstep the world waits at the tick at which the image is due,
     first for the rays and then until the driver has taken the image: images and their times do not
-    depend on how fast anything runs. In realtime an image that is not ready comes late.
+    depend on how fast anything runs. In realtime an image that is not ready comes late, and where
+    the rays cannot keep up exposures are left out.
 
     Attributes:
         peer: the driver.
@@ -79,17 +80,20 @@ class CameraWire:
         )
         self._period_ns = round(1e9 / figures.rate)
         self._latency_ns = round(1e9 * figures.latency)
+        self._most_under_way = 2 + self._latency_ns // self._period_ns
         self._thread = ThreadPoolExecutor(1, "d435")
         self._exposures: deque[_Exposure] = deque()
         self._restart_counts()
 
     def _restart_counts(self) -> None:
+        for exposure in self._exposures:
+            exposure.image.cancel()
         self._exposures.clear()
         self._next_ns, self._number = self._period_ns, 0
         self._owe_nothing()
 
     def _owe_nothing(self) -> None:
-        """The driver has no image to take."""
+        """Forget the image that the driver has to take."""
         self._sent_ns, self._sent = -1, -1
 
     def is_set_up(self) -> bool:
@@ -98,23 +102,27 @@ class CameraWire:
 
     # The tick -------------------------------------------------------------------------------
     def advance(self) -> None:
-        """A tick has gone by: expose, and send what is due."""
+        """Take in that a tick has gone by: expose if it is time to, send what is due."""
         now = self._world.time_ns
         if now >= self._next_ns:
             self._next_ns += self._period_ns
-            state = self._optics.snapshot(self._world.data)
-            image = self._thread.submit(self._optics.image, self._number, state)
-            due = now + self._latency_ns
-            self._exposures.append(_Exposure(self._number, now, due, image))
+            if self._lockstep or len(self._exposures) < self._most_under_way:
+                self._expose()
             self._number += 1
         while self._exposures and self._exposures[0].due_ns <= now:
             if not self._lockstep and not self._exposures[0].image.done():
                 break
             number, time_ns, _, image = self._exposures.popleft()
             sent = self._device.send(number, time_ns, image.result())
-            if sent is not None and self._line.plugged:
+            if sent is not None:
                 self._sent_ns, self._sent = now, sent
         self.service()
+
+    def _expose(self) -> None:
+        """Begin an image of the world as it is now."""
+        now, state = self._world.time_ns, self._optics.snapshot(self._world.data)
+        image = self._thread.submit(self._optics.image, self._number, state)
+        self._exposures.append(_Exposure(self._number, now, now + self._latency_ns, image))
 
     def ready(self) -> bool:
         """Return whether the driver has taken every image that it was sent, or is given up."""
@@ -123,18 +131,22 @@ class CameraWire:
     def service(self) -> bool:
         """Carry what is on the wire; return whether the driver said anything."""
         heard = bool(self._line.service())
+        if not self._line.connected:  # A driver that comes back says START again.
+            self._device.hang_up()
+            self._owe_nothing()
         if heard and self._device.taken == self._sent:
             self.peer.answer(max(0, self._sent_ns))
         return heard
 
     def await_answer(self, now: float) -> None:
         """Lockstep: give up a driver that is silent; `now` is monotonic wall time [s]."""
+        self.service()
         if self.peer.owes(self._sent_ns) and self.peer.expire(now):
             warn_of_silence(self._node, self.peer)
 
     # Rest -----------------------------------------------------------------------------------
     def restart(self, seed: int) -> None:
-        """The world is back at time 0."""
+        """Begin at the world's time 0 again."""
         self._restart_counts()
         self._optics.restart(seed)
         self._device.restart(seed)

@@ -33,8 +33,8 @@ class SensorPort(Protocol):
     """The device's end of a line: a pseudo-terminal, or a stream socket."""
 
     @property
-    def plugged(self) -> bool:
-        """Whether the port is there."""
+    def connected(self) -> bool:
+        """True while a driver is there, as of the last `service`."""
 
     def service(self, device: Any) -> object:
         """Carry what is on the wire in both directions."""
@@ -87,9 +87,9 @@ class SensorLine(Generic[SensorT]):
         return self._driver.ready(0)
 
     @property
-    def plugged(self) -> bool:
-        """Whether a driver can reach the sensor."""
-        return self._port.plugged
+    def connected(self) -> bool:
+        """True while a driver has the line open, as of the last `service`."""
+        return self._port.connected
 
     def service(self) -> object:
         """Carry what is on the wire; return what the port says of it."""

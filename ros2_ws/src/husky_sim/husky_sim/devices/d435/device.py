@@ -57,17 +57,28 @@ class D435Device:
         self.intrinsics = intrinsics_of(figures)
         self.streaming = False
         self._fault, self._intensity = "", 0.0
+        self._next_frame = 0
         self._heard = b""
         self._output = bytearray()
         self.restart(seed)
 
     def restart(self, seed: int) -> None:
-        """The world starts again at time 0; a host that listens does so still, a fault stays."""
+        """Begin at the world's time 0 again; frame numbers go on, a host listens on, a fault stays.
+
+        Numbers that do not come twice keep a late `taken` from answering a new frame.
+        """
         self._seed = seed
         self._last: DepthImage | None = None
         self._spot: NDArray[np.bool_] | None = None
-        self._first: int | None = 0  # image that is frame 0; None for the next one
+        # Image that is frame 0, None for the next one.
+        self._first: int | None = -self._next_frame
         self.taken = -1
+
+    def hang_up(self) -> None:
+        """Take in that the host has gone: it gets nothing until it says START again."""
+        self.streaming = False
+        self._heard = b""
+        self._output.clear()
 
     # The wire -----------------------------------------------------------------------------------
     def feed(self, data: bytes) -> None:
@@ -100,6 +111,7 @@ class D435Device:
         if self._first is None:
             self._first = number
         frame_number = number - self._first
+        self._next_frame = frame_number + 1
         if self._fault != "stuck" or self._last is None:
             self._last = image
         if not self.streaming or self._fault == "freeze" or len(self._output) >= _TRANSMIT_BUFFER:
@@ -132,10 +144,10 @@ class D435Device:
         self._fault = fault if fault != "power_cycle" else ""
         self._spot = None
         if fault == "power_cycle":
-            self._last, self._first, self.taken = None, None, -1
+            self._last, self._first, self._next_frame, self.taken = None, None, 0, -1
 
     def _spoil(self, image: DepthImage, generator: np.random.Generator) -> DepthImage:
-        """Return what the fault makes of an image."""
+        """Return an image as the fault of now leaves it."""
         if self._fault == "cover":
             return np.zeros_like(image)
         if self._fault == "dirt":

@@ -17,7 +17,7 @@ beyond the centre of its last pixel."""
 _HOLE = 8
 """Side of a hole [pixels]."""
 _DEEPEST = 65.535
-"""What 16 bits of millimetres hold [m]."""
+"""Greatest depth in 16 bits of millimetres [m]."""
 _NOTHING = 1e-9
 """Inverse depth of where nothing is, so that its depth is a number [1/m]."""
 
