@@ -238,7 +238,7 @@ def test_a_camera_that_cannot_be_used_here_is_no_crash(domain, monkeypatch):
     try:
         node = D435Driver()
         assert node.trigger_configure() is TransitionCallbackReturn.FAILURE
-        level, message, _ = node._report()
+        level, message, _ = node.report()
         node.destroy_node()
     finally:
         rclpy.shutdown()

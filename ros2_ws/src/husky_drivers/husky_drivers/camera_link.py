@@ -76,6 +76,24 @@ class CameraPatience:
     silence_timeout: float
 
 
+@dataclass
+class WireCounters:
+    """Counts of the parser of a simulated camera's wire; each byte is in a frame, garbage, or still
+    pending.
+
+    Attributes:
+        bytes: bytes fed.
+        frames: frames with a right CRC.
+        crc_errors: headers whose frame had a wrong CRC: damaged, cut short, or no frame at all.
+        garbage_bytes: bytes that belong to no frame.
+    """
+
+    bytes: int = 0
+    frames: int = 0
+    crc_errors: int = 0
+    garbage_bytes: int = 0
+
+
 class CameraState(Enum):
     """State of a link: the first four are any camera's, the next the T265's, the last the D435's.
 
@@ -100,6 +118,7 @@ class CameraLink(ABC, Generic[FrameT]):
     """Opens a camera, hands its frames out in a thread, and opens it again when it is gone.
 
     Attributes:
+        backend: the device.
         state: see `CameraState`.
         error: why the device is not open, "" when it is.
         connections: how often it has been opened.
@@ -128,7 +147,7 @@ class CameraLink(ABC, Generic[FrameT]):
         self.connections = 0
         self.times_frozen = 0
         self._name = name
-        self._device = backend
+        self.backend = backend
         self._patience = patience
         self._on_event = on_event
         self._told = ""
@@ -147,6 +166,11 @@ class CameraLink(ABC, Generic[FrameT]):
         if self._thread is not None:
             self._thread.join()
             self._thread = None
+
+    @property
+    @abstractmethod
+    def counts(self) -> Mapping[str, int]:
+        """Counts of frames by verdict, `good` among them; read by other threads for reports."""
 
     # For the kinds of cameras, in the thread ----------------------------------------------------
     @abstractmethod
@@ -172,7 +196,7 @@ class CameraLink(ABC, Generic[FrameT]):
 
     def _open_and_serve(self) -> None:
         """Serve the device until it is gone, or the link is to stop."""
-        device = self._device
+        device = self.backend
         try:
             device.open()
             self.connections += 1
@@ -192,7 +216,7 @@ class CameraLink(ABC, Generic[FrameT]):
         Raises:
             OSError: the device is gone, or has been silent for too long.
         """
-        poll, take = self._device.poll, self._take
+        poll, take = self.backend.poll, self._take
         stale_after = self._patience.stale_after
         wait = min(_LONGEST_WAIT, stale_after)
         self._enter(CameraState.WAITING)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -37,9 +37,10 @@ class D435Link(CameraLink[DepthFrame]):
     """Holds the stream of depth images.
 
     Attributes:
-        backend: the device.
         gate: which frames are good, with its counters; read by other threads for reports only.
     """
+
+    backend: D435Backend
 
     def __init__(
         self,
@@ -60,10 +61,14 @@ class D435Link(CameraLink[DepthFrame]):
             world_time: of the device; called in the link's thread.
         """
         super().__init__("d435", backend, config, on_event, world_time)
-        self.backend = backend
         self.gate = DepthGate(config.least_valid)
         self._on_frame = on_frame
         self._seen = CameraState.STREAMING
+
+    @property
+    def counts(self) -> Mapping[str, int]:
+        """Counts of frames by verdict."""
+        return vars(self.gate.counters)
 
     # In the thread ------------------------------------------------------------------------------
     def _take(self, frame: DepthFrame, host_ns: int) -> bool:

@@ -17,10 +17,10 @@ from __future__ import annotations
 import re
 import struct
 import zlib
-from dataclasses import dataclass
 
 import numpy as np
 
+from husky_drivers.camera_link import WireCounters
 from husky_drivers.d435.frames import DepthFrame, Intrinsics
 
 START = b"D435+"
@@ -78,23 +78,6 @@ def _decode(body: bytes) -> DepthFrame | None:
     pixels = np.frombuffer(body, "<u2", offset=_HEAD.size)
     intrinsics = Intrinsics(width, height, fx, fy, cx, cy)
     return DepthFrame(number, time_ms, intrinsics, unit, pixels.reshape(height, width))
-
-
-@dataclass
-class WireCounters:
-    """Counts of a parser; each byte is in a frame, garbage, or still pending.
-
-    Attributes:
-        bytes: bytes fed.
-        frames: frames with a right CRC.
-        crc_errors: headers whose frame had a wrong CRC: damaged, cut short, or no frame at all.
-        garbage_bytes: bytes that belong to no frame.
-    """
-
-    bytes: int = 0
-    frames: int = 0
-    crc_errors: int = 0
-    garbage_bytes: int = 0
 
 
 class FrameParser:

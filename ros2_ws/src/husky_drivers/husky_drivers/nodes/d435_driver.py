@@ -4,29 +4,21 @@ from __future__ import annotations
 
 import array
 import sys
-import time
 
-from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2, PointField
 
 from husky_description.link_frames import transform_of
-from husky_drivers.camera_link import BackendError, CameraState
+from husky_drivers.camera_link import CameraState
 from husky_drivers.d435.choice import BACKENDS, make_backend
-from husky_drivers.d435.frames import DepthFrame, Intrinsics
+from husky_drivers.d435.frames import OPTICAL_ROTATION, Deprojection, DepthFrame, Intrinsics
 from husky_drivers.d435.gate import LEAST_VALID
 from husky_drivers.d435.link import D435Backend, D435Link, DepthLinkConfig
-from husky_drivers.d435.projection import (
-    OPTICAL_ROTATION,
-    Deprojection,
-    camera_matrix,
-    projection_matrix,
-)
 from husky_drivers.d435.realsense import GREATEST_DECIMATION, DepthStream
+from husky_drivers.nodes.camera_node import CameraNode
 from husky_drivers.nodes.clock_parameters import declare_clock
 from husky_drivers.vn200.clock import HostClock
 from husky_runtime import graph
 from husky_runtime.nodes import diagnostics, qos, stamps
-from husky_runtime.nodes.device_node import DeviceNode
 from husky_runtime.nodes.parameters import declare, declare_robot
 from husky_runtime.nodes.patched_message import PatchedMessage
 from husky_runtime.nodes.presence import default_serial_port
@@ -37,12 +29,8 @@ _POINT_SIZE = 12
 """Bytes of a point: x, y, z as float32."""
 
 
-class D435Driver(DeviceNode[D435Link]):
-    """Publishes each depth image, and the pinhole that it was taken with, as soon as it has come.
-
-    The backend is chosen when the node is configured, and that fails when it cannot work here. The
-    device belongs to the active state. One that is not there yet is no failure: it is waited for.
-    """
+class D435Driver(CameraNode[D435Link]):
+    """Publishes each depth image and its pinhole as soon as they have come."""
 
     def __init__(self) -> None:
         """Declare parameters and make the publishers; the device is opened on activation."""
@@ -76,9 +64,7 @@ class D435Driver(DeviceNode[D435Link]):
             same = (*nowhere, 0.0, 0.0, 0.0, 1.0)
             tell_fixed(self, edges, [mounting, same, (*nowhere, *OPTICAL_ROTATION)])
         self._backend: D435Backend | None = None
-        self._problem = ""
-        self._last_report = (time.monotonic(), 0)
-        self._diagnostics = diagnostics.Diagnostics(self, "D435", self._report)
+        self._diagnostics = diagnostics.Diagnostics(self, "D435", self.report)
         self.autostart()
 
     def _declare_stream(self) -> DepthStream:
@@ -101,25 +87,28 @@ class D435Driver(DeviceNode[D435Link]):
         least = declare(self, "least_valid", LEAST_VALID, what, 0.0, 1.0)
         return DepthLinkConfig(stale, silence, least)
 
-    # Lifecycle ----------------------------------------------------------------------------------
-    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Make the backend; fails, and says why, when it cannot work on this machine."""
-        try:
-            self._backend = make_backend(
-                self._backend_name, self._port, self._serial_number, self._stream
-            )
-        except BackendError as error:
-            self._problem = f"backend {self._backend_name}: {error}"
-            self.get_logger().error(self._problem)
-            return TransitionCallbackReturn.FAILURE
-        self._problem = ""
-        return super().on_configure(state)
+    # As CameraNode asks -------------------------------------------------------------------------
+    def choose_backend(self) -> None:
+        """Make the backend; raises BackendError."""
+        self._backend = make_backend(
+            self._backend_name, self._port, self._serial_number, self._stream
+        )
 
-    def make_link(self) -> D435Link:
+    def make_camera_link(self) -> D435Link:
         """Return a link to the backend."""
         assert self._backend is not None
-        self._last_report = (time.monotonic(), 0)
         return D435Link(self._backend, self._config, self._publish, self.say, self.world_time)
+
+    def measured(self, link: D435Link) -> dict[str, object]:
+        """Return the share of pixels with depth."""
+        return {"valid": f"{link.gate.valid:.3f}"}
+
+    def judge(self, link: D435Link) -> tuple[bytes, str]:
+        """Return level and message for a camera that is there."""
+        if link.state is CameraState.STUCK:
+            return diagnostics.ERROR, link.state.value
+        streaming = link.state is CameraState.STREAMING
+        return diagnostics.OK if streaming else diagnostics.WARN, link.state.value
 
     # In the link's thread -----------------------------------------------------------------------
     def _publish(self, frame: DepthFrame, host_ns: int) -> None:
@@ -136,38 +125,6 @@ class D435Driver(DeviceNode[D435Link]):
             cloud = points_message(frame, pinhole.deprojection)
             cloud.header = image.header
             self._points.publish(cloud)
-
-    # Report -------------------------------------------------------------------------------------
-    def _report(self) -> diagnostics.Report:
-        """Return level, message and values for `/diagnostics`."""
-        link = self._link
-        if link is None:
-            level = diagnostics.ERROR if self._problem else diagnostics.WARN
-            values: dict[str, object] = {"backend": self._backend_name, "problem": self._problem}
-            return level, self._problem or "not active", values
-        gate, state = link.gate, link.state
-        now = time.monotonic()
-        last, last_good = self._last_report
-        self._last_report = (now, gate.counters.good)
-        values = {
-            "state": state.value,
-            "backend": self._backend_name,
-            "device": link.backend.path,
-            "rate": f"{(gate.counters.good - last_good) / max(now - last, 1e-3):.1f}",
-            "valid": f"{gate.valid:.3f}",
-            **vars(gate.counters),
-            "times_frozen": link.times_frozen,
-            **link.backend.counters(),
-            "connections": link.connections,
-            "reconnects": max(0, link.connections - 1),
-            "problem": link.error,
-        }
-        if state in (CameraState.STOPPED, CameraState.NO_DEVICE):
-            return diagnostics.ERROR, f"{state.value}: {link.error}", values
-        if state is CameraState.STUCK:
-            return diagnostics.ERROR, state.value, values
-        level = diagnostics.OK if state is CameraState.STREAMING else diagnostics.WARN
-        return level, state.value, values
 
 
 class _Pinhole:
@@ -206,9 +163,9 @@ def camera_info_message(intrinsics: Intrinsics) -> CameraInfo:
         width=intrinsics.width,
         distortion_model="plumb_bob",
         d=[0.0] * 5,
-        k=camera_matrix(intrinsics),
+        k=intrinsics.camera_matrix,
         r=[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
-        p=projection_matrix(intrinsics),
+        p=intrinsics.projection_matrix,
     )
     message.header.frame_id = graph.FRAME_CAMERA_OPTICAL
     return message

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import sys
-import time
 
 from nav_msgs.msg import Odometry
-from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 
 from husky_description.link_frames import transform_of
-from husky_drivers.camera_link import BackendError, CameraState
+from husky_drivers.camera_link import CameraState
+from husky_drivers.nodes.camera_node import CameraNode
 from husky_drivers.nodes.clock_parameters import declare_clock
 from husky_drivers.t265.choice import BACKENDS, make_backend
 from husky_drivers.t265.frames import Confidence, PoseFrame, covariance, odometry
@@ -18,7 +17,6 @@ from husky_drivers.t265.link import LinkConfig, T265Backend, T265Link
 from husky_drivers.vn200.clock import HostClock
 from husky_runtime import graph
 from husky_runtime.nodes import diagnostics, qos
-from husky_runtime.nodes.device_node import DeviceNode
 from husky_runtime.nodes.parameters import declare, declare_robot
 from husky_runtime.nodes.patched_message import PatchedMessage
 from husky_runtime.nodes.presence import default_serial_port
@@ -26,12 +24,8 @@ from husky_runtime.nodes.run import run
 from husky_runtime.nodes.transforms import SeenFrom, declare_transforms, tell_fixed
 
 
-class T265Driver(DeviceNode[T265Link]):
-    """Publishes each pose as soon as it has come.
-
-    The backend is chosen when the node is configured, and that fails when it cannot work here. The
-    device belongs to the active state. One that is not there yet is no failure: it is waited for.
-    """
+class T265Driver(CameraNode[T265Link]):
+    """Publishes each pose as soon as it has come."""
 
     def __init__(self) -> None:
         """Declare parameters and make the publisher; the device is opened on activation."""
@@ -57,9 +51,8 @@ class T265Driver(DeviceNode[T265Link]):
             tell_fixed(self, [(graph.FRAME_BASE, graph.FRAME_T265)], [mounting])
             self._frame = SeenFrom(self, graph.FRAME_T265, self._odom_frame)
         self._backend: T265Backend | None = None
-        self._problem = ""
-        self._last_report = (time.monotonic(), 0, 0)
-        self._diagnostics = diagnostics.Diagnostics(self, "T265", self._report)
+        self._last_jumps = 0
+        self._diagnostics = diagnostics.Diagnostics(self, "T265", self.report)
         self.autostart()
 
     def _declare_messages(self) -> list[PatchedMessage]:
@@ -84,23 +77,33 @@ class T265Driver(DeviceNode[T265Link]):
         jump = declare(self, "jump_limit", JumpLimits().distance, what, 0.001, 10.0)
         return LinkConfig(stale, silence, JumpLimits(distance=jump))
 
-    # Lifecycle ----------------------------------------------------------------------------------
-    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Make the backend; fails, and says why, when it cannot work on this machine."""
-        try:
-            self._backend = make_backend(self._backend_name, self._port, self._serial_number)
-        except BackendError as error:
-            self._problem = f"backend {self._backend_name}: {error}"
-            self.get_logger().error(self._problem)
-            return TransitionCallbackReturn.FAILURE
-        self._problem = ""
-        return super().on_configure(state)
+    # As CameraNode asks -------------------------------------------------------------------------
+    def choose_backend(self) -> None:
+        """Make the backend; raises BackendError."""
+        self._backend = make_backend(self._backend_name, self._port, self._serial_number)
 
-    def make_link(self) -> T265Link:
+    def make_camera_link(self) -> T265Link:
         """Return a link to the backend."""
         assert self._backend is not None
-        self._last_report = (time.monotonic(), 0, 0)
+        self._last_jumps = 0
         return T265Link(self._backend, self._config, self._publish, self.say, self.world_time)
+
+    def measured(self, link: T265Link) -> dict[str, object]:
+        """Return the tracker's confidence and the last jump."""
+        gate = link.gate
+        return {"tracker_confidence": gate.confidence, "last_jump": f"{gate.last_jump:.3f}"}
+
+    def judge(self, link: T265Link) -> tuple[bytes, str]:
+        """Return level and message for a camera that is there."""
+        gate = link.gate
+        jumps = gate.counters.jumps - self._last_jumps
+        self._last_jumps = gate.counters.jumps
+        if link.state is CameraState.LOST:
+            return diagnostics.ERROR, link.state.value
+        if jumps:
+            return diagnostics.WARN, f"{jumps} jumps, last {gate.last_jump:.2f}"
+        tracking = link.state is CameraState.TRACKING
+        return diagnostics.OK if tracking else diagnostics.WARN, link.state.value
 
     # In the link's thread -----------------------------------------------------------------------
     def _publish(self, frame: PoseFrame, host_ns: int) -> None:
@@ -112,42 +115,6 @@ class T265Driver(DeviceNode[T265Link]):
         self._publisher.publish(data)
         if self._frame is not None:
             self._frame.tell(stamp, pose)
-
-    # Report -------------------------------------------------------------------------------------
-    def _report(self) -> diagnostics.Report:
-        """Return level, message and values for `/diagnostics`."""
-        link = self._link
-        if link is None:
-            level = diagnostics.ERROR if self._problem else diagnostics.WARN
-            values: dict[str, object] = {"backend": self._backend_name, "problem": self._problem}
-            return level, self._problem or "not active", values
-        gate, state = link.gate, link.state
-        now = time.monotonic()
-        last, last_good, last_jumps = self._last_report
-        self._last_report = (now, gate.counters.good, gate.counters.jumps)
-        values = {
-            "state": state.value,
-            "backend": self._backend_name,
-            "device": link.backend.path,
-            "rate": f"{(gate.counters.good - last_good) / max(now - last, 1e-3):.1f}",
-            "tracker_confidence": gate.confidence,
-            **vars(gate.counters),
-            "last_jump": f"{gate.last_jump:.3f}",
-            "times_frozen": link.times_frozen,
-            **link.backend.counters(),
-            "connections": link.connections,
-            "reconnects": max(0, link.connections - 1),
-            "problem": link.error,
-        }
-        if state in (CameraState.STOPPED, CameraState.NO_DEVICE):
-            return diagnostics.ERROR, f"{state.value}: {link.error}", values
-        if state is CameraState.LOST:
-            return diagnostics.ERROR, state.value, values
-        jumps = gate.counters.jumps - last_jumps
-        if jumps:
-            return diagnostics.WARN, f"{jumps} jumps, last {gate.last_jump:.2f}", values
-        level = diagnostics.OK if state is CameraState.TRACKING else diagnostics.WARN
-        return level, state.value, values
 
 
 def odometry_message(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from husky_drivers.camera_link import CameraBackend, CameraLink, CameraPatience, CameraState
@@ -32,7 +32,6 @@ class T265Link(CameraLink[PoseFrame]):
     """Holds the stream of poses.
 
     Attributes:
-        backend: the device.
         gate: which frames are good, with its counters; read by other threads for reports only.
     """
 
@@ -56,10 +55,14 @@ class T265Link(CameraLink[PoseFrame]):
             world_time: of the device; called in the link's thread.
         """
         super().__init__("t265", backend, config, on_event, world_time)
-        self.backend = backend
         self.gate = PoseGate(config.limits)
         self._on_frame = on_frame
         self._jumps_told = 0
+
+    @property
+    def counts(self) -> Mapping[str, int]:
+        """Counts of frames by verdict."""
+        return vars(self.gate.counters)
 
     # In the thread ------------------------------------------------------------------------------
     def _take(self, frame: PoseFrame, host_ns: int) -> bool:

@@ -15,8 +15,8 @@ these and itself it is 0. The host says `START` once it has opened the line.
 from __future__ import annotations
 
 import struct
-from dataclasses import dataclass
 
+from husky_drivers.camera_link import WireCounters
 from husky_drivers.t265.frames import PoseFrame
 from husky_drivers.vn200.protocol import crc16
 
@@ -67,23 +67,6 @@ def _decode(buffer: bytes, start: int) -> PoseFrame:
         tracker,
         mapper,
     )
-
-
-@dataclass
-class WireCounters:
-    """What a parser has seen; each byte is in a frame, garbage, or still pending.
-
-    Attributes:
-        bytes: bytes fed.
-        frames: frames with a right CRC.
-        crc_errors: headers whose frame had a wrong CRC: damaged, cut short, or no frame at all.
-        garbage_bytes: bytes that belong to no frame.
-    """
-
-    bytes: int = 0
-    frames: int = 0
-    crc_errors: int = 0
-    garbage_bytes: int = 0
 
 
 class FrameParser:

@@ -81,6 +81,8 @@ class Plant(OneClock, Node):
         if declare(self, "camera", False, "switches the depth camera on"):
             self._camera = CameraWire(self, self._world, self._seed, grace, self._lockstep)
             self.hot_wires = [*self.hot_wires, self._serve_camera]
+        wires = (self._joints, self._wires, self._camera)
+        self._answered_wires = [each for each in wires if each is not None]
         self._offer_services()
         self._diagnostics = diagnostics.Diagnostics(self, "MuJoCo", self._report)
         self.hot_timers = []
@@ -154,8 +156,7 @@ class Plant(OneClock, Node):
 
     def _is_answered(self) -> bool:
         """Return whether everyone who takes part has answered the state of now."""
-        wires = (self._joints, self._wires, self._camera)
-        return all(each.ready() for each in wires if each is not None)
+        return all(each.ready() for each in self._answered_wires)
 
     def _sensors_are_set_up(self) -> bool:
         """Return whether the drivers have told their devices to stream: no run misses a sample."""
@@ -301,7 +302,7 @@ class Plant(OneClock, Node):
 
     def _on_inject_fault(self, request: InjectFault.Request, response: InjectFault.Response):  # type: ignore[no-untyped-def]
         try:
-            wires = [w for w in (self._joints, self._wires, self._camera) if w is not None]
+            wires = self._answered_wires
             if any(each.inject(request.target, request.fault) for each in wires):
                 response.success = True
                 return response
@@ -319,8 +320,7 @@ class Plant(OneClock, Node):
         return response
 
     def _report(self) -> diagnostics.Report:
-        wires = (self._joints, self._wires, self._camera)
-        peers = [each.peer for each in wires if each is not None]
+        peers = [each.peer for each in self._answered_wires]
         lost = [peer.name for peer in peers if peer.presence is Presence.LOST]
         level, message = diagnostics.OK, "running"
         if lost:
@@ -350,11 +350,8 @@ class Plant(OneClock, Node):
     def close(self) -> None:
         """Give the serial line back."""
         self._imu.close()
-        self._joints.close()
-        if self._wires is not None:
-            self._wires.close()
-        if self._camera is not None:
-            self._camera.close()
+        for wire in self._answered_wires:
+            wire.close()
 
 
 def main() -> int:

@@ -8,13 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from husky_drivers.d435.frames import DepthFrame, Intrinsics
-from husky_drivers.d435.projection import (
-    OPTICAL_ROTATION,
-    Deprojection,
-    camera_matrix,
-    projection_matrix,
-)
+from husky_drivers.d435.frames import OPTICAL_ROTATION, Deprojection, DepthFrame, Intrinsics
 
 PINHOLE = Intrinsics(8, 6, 7.0, 9.0, 3.2, 2.9)
 
@@ -32,8 +26,8 @@ def test_points_fall_on_their_pixels_at_their_depth(unit):
     points = Deprojection(PINHOLE).points(frame_of(depth, unit))
     assert points.dtype == np.float32
     rows, columns = np.nonzero(depth)
-    k = np.reshape(camera_matrix(PINHOLE), (3, 3))
-    p = np.reshape(projection_matrix(PINHOLE), (3, 4))
+    k = np.reshape(PINHOLE.camera_matrix, (3, 3))
+    p = np.reshape(PINHOLE.projection_matrix, (3, 4))
     for matrix, seen in ((k, points), (p, np.column_stack([points, np.ones(len(points))]))):
         u, v, z = matrix @ seen.T
         np.testing.assert_allclose(u / z, columns, atol=1e-5)
