@@ -1,0 +1,1 @@
+"""Map of the ground around the robot, from depth images and footholds."""

@@ -1,0 +1,17 @@
+"""Package husky_navigation: Map of the ground around the robot, from depth images and footholds."""
+
+from setuptools import find_packages, setup
+
+package = "husky_navigation"
+
+setup(
+    name=package,
+    version="0.1.0",
+    packages=find_packages(exclude=["test"]),
+    package_data={package: ["py.typed"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{package}"]),
+        (f"share/{package}", ["package.xml"]),
+    ],
+    zip_safe=False,
+)
