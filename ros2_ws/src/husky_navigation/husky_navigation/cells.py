@@ -14,7 +14,7 @@ Indices = NDArray[np.int64]
 
 
 class Cells(NamedTuple):
-    """What is known of the cells of a square map, arrays (n, n).
+    """State of the cells of a square map, arrays (n, n).
 
     Index [i, j] counts along +x and +y of odom from the map's lowest corner. A cell that was never
     seen has height NaN.
@@ -27,7 +27,7 @@ class Cells(NamedTuple):
         offset_x, offset_y: mean of these points' places, from the cell's centre [m].
         other_height, other_variance, other_support: the same of the height that contradicts it.
         contradictions: images in a row that agree on that other height.
-        looked_through: images that have looked through the cell, less points that were on it.
+        looked_through: images that have looked through the cell, less those that agreed with it.
     """
 
     height: Array
@@ -44,7 +44,7 @@ class Cells(NamedTuple):
 
 
 class Lattice(NamedTuple):
-    """Where the map lies: cell [i, j] covers ((x + i), (y + j)) resolution and one cell more.
+    """Place of the map: cell [i, j] begins at ((x + i) resolution, (y + j) resolution) in odom.
 
     Attributes:
         resolution: edge of a cell [m].
@@ -109,11 +109,12 @@ def shift(cells: Cells, east: int, north: int) -> None:
     Cells that come into the map are unseen.
     """
     count = cells.height.shape[0]
-    kept = [_overlap(step, count) for step in (east, north)]
+    (old_x, new_x), (old_y, new_y) = (_overlap(step, count) for step in (east, north))
+    came = np.ones(cells.height.shape, dtype=np.bool_)
+    came[new_x, new_y] = False
     for values in cells:
-        moved = np.full_like(values, np.nan if values is cells.height else 0)
-        moved[kept[0][1], kept[1][1]] = values[kept[0][0], kept[1][0]]
-        values[:] = moved
+        values[new_x, new_y] = values[old_x, old_y]
+    forget(cells, came)
 
 
 def _overlap(step: int, count: int) -> tuple[slice, slice]:

@@ -57,8 +57,7 @@ class DepthView:
         position: of the camera in odom [m] (3,).
         time: of the image [s].
 
-    What kernels would have to be compiled anew for is copied: arrays that are read-only or not
-    contiguous, integers.
+    Arrays that are read-only or not contiguous are copied: kernels would be compiled anew for them.
     """
 
     depth: DepthImage
@@ -123,7 +122,7 @@ class DepthNoise(NamedTuple):
 
 
 class SeenCells(NamedTuple):
-    """What one image says of the cells, arrays (n, n), 0 where it saw none.
+    """Heights that one image shows in the cells, arrays (n, n), 0 in cells that it does not see.
 
     Attributes:
         height: sums of the points' heights over the camera, then the ground's height in odom [m].
@@ -151,7 +150,7 @@ class SeenCells(NamedTuple):
 
 
 class PixelCounts(NamedTuple):
-    """What became of the pixels of an image.
+    """Counts of the pixels of an image by their fate.
 
     Attributes:
         used: points in cells.

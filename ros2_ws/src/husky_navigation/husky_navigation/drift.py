@@ -10,7 +10,7 @@ import numpy as np
 
 from husky_navigation.cells import Cells, Indices
 from husky_navigation.depth_view import SeenCells
-from husky_navigation.parameters import MapParameters
+from husky_navigation.map_parameters import MapParameters
 
 _ITERATIONS = 3
 """Of the robust mean: the weights of cells that disagree have settled to 1 % by then."""
@@ -18,7 +18,7 @@ _ITERATIONS = 3
 
 def height_over_map(
     cells: Cells, seen: SeenCells, places: Indices, parameters: MapParameters
-) -> tuple[int, float]:
+) -> tuple[int, float | None]:
     """Return by how much an image stands above the map.
 
     It is the mean over the cells that are seen again, edges apart, weighted by their variances,
@@ -31,14 +31,14 @@ def height_over_map(
         parameters: of the map.
 
     Returns:
-        How many cells were compared, and the height [m]; 0 if these are too few, or if it is beyond
-        four deviations: then the pose is another, and single cells tell what is right.
+        How many cells were compared, and the height [m]; None if these are too few, or if it is
+        beyond four deviations: then the pose is another, and single cells tell what is right.
     """
     again = cells.support.reshape(-1)[places] >= parameters.least_support
     again &= seen.edge.reshape(-1)[places] == 0.0
     compared = int(np.count_nonzero(again))
     if compared < parameters.correction_cells:
-        return compared, 0.0
+        return compared, None
     which = places[again]
     differs = seen.height.reshape(-1)[which] - cells.height.reshape(-1)[which]
     variance = seen.variance.reshape(-1)[which] + cells.variance.reshape(-1)[which]
@@ -48,11 +48,11 @@ def height_over_map(
         weight = 1.0 / (variance + ((differs - height) / parameters.gate) ** 2)
         height = float(weight @ differs) / (prior + float(weight.sum()))
     near = abs(height) <= 4.0 * parameters.correction_deviation
-    return compared, height if near else 0.0
+    return compared, height if near else None
 
 
 class HeightDrift:
-    """How far odometry's height has drifted since the map's cells were seen, and how surely.
+    """Drift of odometry's height since the map's cells were seen, and its variance.
 
     A Kalman filter of one state, which is zero after each correction: the map moves instead. The
     drift grows with the distance walked alone, so that a robot that treads on the spot moves

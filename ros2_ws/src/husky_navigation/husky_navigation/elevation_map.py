@@ -19,8 +19,8 @@ from husky_navigation.depth_view import (
     no_seen_cells,
 )
 from husky_navigation.drift import HeightDrift, height_over_map
-from husky_navigation.fusion import Measurements, fuse, measurement
-from husky_navigation.parameters import MapParameters
+from husky_navigation.fusion import HeightMeasurements, fuse, level_cells
+from husky_navigation.map_parameters import MapParameters
 from husky_navigation.visibility import VisibilityRules, look_through
 
 _NO_CAPSULES = np.zeros((0, 7))
@@ -28,7 +28,7 @@ _NO_CAPSULES = np.zeros((0, 7))
 
 @dataclass(frozen=True)
 class ImageReport:
-    """What became of an image.
+    """Effect of an image on the map.
 
     Attributes:
         pixels: by their fate.
@@ -142,8 +142,6 @@ class ElevationMap:
         elapsed = view.time - self._time if math.isfinite(self._time) else 0.0
         self._growth += self.parameters.time_variance * min(max(elapsed, 0.0), _LONGEST)
         self._time = max(self._time, view.time)
-        for values in self._seen[:-1]:
-            values.fill(0.0)
         found, fates = gather(
             view.depth,
             view.inverse_depth,
@@ -160,6 +158,8 @@ class ElevationMap:
         removed = 0
         if outcome.believed:
             removed = look_through(self._cells, self._seen, self.lattice, view, self._visibility)
+        for values in self._seen[:-1]:
+            values.reshape(-1)[places] = 0.0
         return ImageReport(pixels, found, *outcome, removed, compared, correction, lift)
 
     def observe_foothold(self, position: Array, deviation: float | None = None) -> bool:
@@ -175,7 +175,7 @@ class ElevationMap:
             Whether the foothold is on the map.
 
         Raises:
-            ValueError: a number is not finite.
+            ValueError: a number is not finite, or the deviation is not positive.
         """
         x, y, z = (float(value) for value in position)
         if not math.isfinite(x + y + z):
@@ -184,7 +184,10 @@ class ElevationMap:
         if index is None:
             return False
         i, j = index
-        variance = (deviation or self.parameters.foothold_deviation) ** 2
+        deviation = self.parameters.foothold_deviation if deviation is None else deviation
+        if not 0.0 < deviation < math.inf:
+            raise ValueError(f"deviation is {deviation}, it must be positive and finite")
+        variance = deviation**2
         if self._is_even(i, j):
             differs = z - float(self._cells.height[i, j])
             # A foot on something that the map has wrong tells nothing of drift.
@@ -192,7 +195,7 @@ class ElevationMap:
             if differs**2 < self.parameters.gate**2 * total:
                 lift = self._drift.correct(differs, float(self._cells.variance[i, j]) + variance)
                 age(self._cells, 0.0, lift)
-        self._put(i, j, z, variance)
+        self._put(np.array([i * self.lattice.cells + j]), np.array([z]), variance)
         return True
 
     def seed_ground(self, footholds: Array, margin: float = 0.15, deviation: float = 0.02) -> int:
@@ -220,22 +223,22 @@ class ElevationMap:
             raise ValueError(f"footholds are {feet.tolist()}, they must not lie in a line")
         x, y = np.meshgrid(*self.lattice.cell_centers(), indexing="ij")
         inside = _is_around_polygon(x - center[0], y - center[1], feet[:, :2] - center[:2], margin)
-        unseen = np.argwhere(inside & np.isnan(self._cells.height))
-        for i, j in unseen:
-            z = float(center[2] + plane @ (x[i, j] - center[0], y[i, j] - center[1]))
-            self._put(int(i), int(j), z, deviation**2)
-        return len(unseen)
+        unseen = inside & np.isnan(self._cells.height)
+        z = center[2] + plane[0] * (x - center[0]) + plane[1] * (y - center[1])
+        self._put(np.flatnonzero(unseen), z[unseen], deviation**2)
+        return int(np.count_nonzero(unseen))
 
     def _correct(self, places: Indices) -> tuple[int, float, float]:
         """Return cells compared, the image's correction and the lift of the map [m]."""
         compared, height = height_over_map(self._cells, self._seen, places, self.parameters)
-        enough = compared >= self.parameters.correction_cells
-        lift = self._drift.correct(height, self.parameters.image_deviation**2) if enough else 0.0
+        lift = 0.0
+        if height is not None:
+            lift = self._drift.correct(height, self.parameters.image_deviation**2)
         age(self._cells, self._growth, lift)
         self._growth = 0.0
-        return compared, height - lift, lift
+        return compared, 0.0 if height is None else height - lift, lift
 
-    def _measured(self, places: Indices, position: Array, correction: float) -> Measurements:
+    def _measured(self, places: Indices, position: Array, correction: float) -> HeightMeasurements:
         """Return what the last image has measured in cells.
 
         Args:
@@ -248,7 +251,7 @@ class ElevationMap:
         x = (self.lattice.x + i + 0.5) * p.resolution - position[0]
         y = (self.lattice.y + j + 0.5) * p.resolution - position[1]
         pose = p.height_deviation**2 + p.attitude_deviation**2 * (x * x + y * y)
-        return Measurements(
+        return HeightMeasurements(
             seen.height.reshape(-1)[places] - correction,
             seen.variance.reshape(-1)[places] + pose,
             p.least_variance + p.lasting_share * pose,
@@ -257,11 +260,10 @@ class ElevationMap:
             seen.offset_y.reshape(-1)[places],
         )
 
-    def _put(self, i: int, j: int, height: float, variance: float) -> None:
-        """Fuse one height [m] that fills a cell into the map."""
-        place = np.array([i * self.lattice.cells + j])
-        seen = measurement(height, variance, float(self.parameters.least_support))
-        fuse(self._cells, place, seen, self.parameters)
+    def _put(self, places: Indices, height: Array, variance: float) -> None:
+        """Fuse heights [m] (k,) that fill cells into the map."""
+        support = float(self.parameters.least_support)
+        fuse(self._cells, places, level_cells(height, variance, support), self.parameters)
 
     def _is_even(self, i: int, j: int) -> bool:
         """Return whether a cell and its neighbours were well seen, and are about level."""

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from husky_description.arrays import Array
 from husky_navigation.cells import Cells, Indices
-from husky_navigation.parameters import MapParameters
+from husky_navigation.map_parameters import MapParameters
 
 _MOST_SUPPORT = 50.0
 """Of a cell: more would make it slow to change."""
@@ -17,7 +17,7 @@ _AS_SURE = 4.0
 """Variance of another height over that of the cell's, up to which it may replace it."""
 
 
-class Measurements(NamedTuple):
+class HeightMeasurements(NamedTuple):
     """Heights of the ground that were measured in k cells, arrays (k,).
 
     Attributes:
@@ -35,13 +35,13 @@ class Measurements(NamedTuple):
     offset_x: Array
     offset_y: Array
 
-    def of(self, which: NDArray[np.bool_]) -> Measurements:
+    def of(self, which: NDArray[np.bool_]) -> HeightMeasurements:
         """Return those of some of the cells."""
-        return Measurements(*(values[which] for values in self))
+        return HeightMeasurements(*(values[which] for values in self))
 
 
-class Outcome(NamedTuple):
-    """What measurements have done to the map.
+class FusionOutcome(NamedTuple):
+    """Effect of measurements on the map.
 
     Attributes:
         contradicted: cells that were contradicted and keep their height.
@@ -54,15 +54,17 @@ class Outcome(NamedTuple):
     believed: bool
 
 
-def measurement(height: float, variance: float, points: float) -> Measurements:
-    """Return the measurement of one height [m] in the centre of a cell."""
-    none = np.zeros(1)
-    return Measurements(
-        np.array([height]), np.array([variance]), none, np.array([points]), none, none
+def level_cells(height: Array, variance: float, points: float) -> HeightMeasurements:
+    """Return measurements of heights (k,) [m] that fill their cells, with one variance [m^2]."""
+    none = np.zeros(height.shape)
+    return HeightMeasurements(
+        height, np.full(height.shape, variance), none, np.full(height.shape, points), none, none
     )
 
 
-def fuse(cells: Cells, places: Indices, seen: Measurements, parameters: MapParameters) -> Outcome:
+def fuse(
+    cells: Cells, places: Indices, seen: HeightMeasurements, parameters: MapParameters
+) -> FusionOutcome:
     """Fuse measurements into cells.
 
     A measurement within the gate updates its cell as a Kalman filter of one state does. One beyond
@@ -89,10 +91,10 @@ def fuse(cells: Cells, places: Indices, seen: Measurements, parameters: MapParam
         _update(flat, places[agrees], seen.of(agrees), differs[agrees], parameters)
         _begin(flat, places[unseen], seen.of(unseen))
     replaced = _contradict(flat, places[against], seen.of(against), parameters)
-    return Outcome(contradicted - replaced, replaced, believed)
+    return FusionOutcome(contradicted - replaced, replaced, believed)
 
 
-def _begin(flat: Cells, places: Indices, seen: Measurements) -> None:
+def _begin(flat: Cells, places: Indices, seen: HeightMeasurements) -> None:
     """Let cells begin anew with a height."""
     flat.height[places] = seen.height
     flat.variance[places] = seen.variance
@@ -105,7 +107,11 @@ def _begin(flat: Cells, places: Indices, seen: Measurements) -> None:
 
 
 def _update(
-    flat: Cells, places: Indices, seen: Measurements, differs: Array, parameters: MapParameters
+    flat: Cells,
+    places: Indices,
+    seen: HeightMeasurements,
+    differs: Array,
+    parameters: MapParameters,
 ) -> None:
     """Update cells with measurements that agree with them."""
     before = flat.variance[places]
@@ -120,11 +126,13 @@ def _update(
     flat.offset_x[places] += share * (seen.offset_x - flat.offset_x[places])
     flat.offset_y[places] += share * (seen.offset_y - flat.offset_y[places])
     flat.contradictions[places] = np.maximum(0, flat.contradictions[places] - 1)
-    through = flat.looked_through[places] - seen.points
+    through = flat.looked_through[places] - 1.0
     flat.looked_through[places] = np.maximum(0, through)
 
 
-def _contradict(flat: Cells, places: Indices, seen: Measurements, parameters: MapParameters) -> int:
+def _contradict(
+    flat: Cells, places: Indices, seen: HeightMeasurements, parameters: MapParameters
+) -> int:
     """Remember heights that contradict cells; return how many cells have taken them over.
 
     A cell does so when measurements agree on the other height for long enough, and about as surely

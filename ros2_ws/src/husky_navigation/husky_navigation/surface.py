@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from husky_description.arrays import Array
 from husky_description.vectors import solve_symmetric
-from husky_navigation.parameters import MapParameters
+from husky_navigation.map_parameters import MapParameters
 
 
 @dataclass(frozen=True, eq=False)

@@ -45,7 +45,7 @@ def _shares(inverse: Array, row: int, column: int, near: float, far: float) -> t
 
 
 class _Marks(NamedTuple):
-    """What an image says of cells (n, n): 1 where it looks through, points that it expects."""
+    """Marks of an image on cells (n, n): 1 if it looks through, points that it expects."""
 
     through: Array
     expected: Array
@@ -96,7 +96,7 @@ def _mark(
 def look_through(
     cells: Cells, seen: SeenCells, lattice: Lattice, view: DepthView, rules: VisibilityRules
 ) -> int:
-    """Remove cells through which more images have looked than points were on them.
+    """Remove cells through which more images have looked than have seen them.
 
     Each cell is projected into the image. It is looked through where most pixels around it see
     ground that lies lower, by a margin and by three deviations of the cell's height. At a grazing

@@ -10,7 +10,7 @@ from terrain_scenes import Scene
 from husky_description.arrays import Array
 from husky_navigation.depth_view import DepthView, PinholeCamera
 from husky_navigation.elevation_map import ElevationMap, ImageReport
-from husky_navigation.parameters import MapParameters
+from husky_navigation.map_parameters import MapParameters
 
 CAMERA = PinholeCamera(FX, FY, CX, CY)
 RADIUS = 2.5
@@ -84,7 +84,7 @@ def walk(
     scene: Scene,
     motion: Motion | None = None,
     errors: Errors | None = None,
-    images: int = 26,
+    images: int = 22,
     period: float = 0.15,
     seed: int = 0,
     parameters: MapParameters | None = None,
@@ -102,7 +102,7 @@ def walk(
         for place in footholds(scene, true, odometry)[[(0, 3), (1, 2)][k % 2], :]:
             elevation_map.observe_foothold(place + [0.0, 0.0, 0.003 * random.standard_normal()])
         show(elevation_map, scene, true, odometry, k * period, random, errors)
-        if k % 2 == 0:
+        if k % 3 == 0:
             in_view.append(_ground_in_view(scene, true.camera()))
     return Walk(elevation_map, scene, true, odometry, np.concatenate(in_view))
 

@@ -35,7 +35,7 @@ NONE = Errors(0.0, 0.0, 0.0, 0.0)
 U, V = np.meshgrid(
     np.float32((np.arange(WIDTH) - CX) / FX), np.float32((np.arange(HEIGHT) - CY) / FY)
 )
-"""Where pixels look, over the focal length."""
+"""Directions of the pixels, over the focal length."""
 
 
 def true_depth(scene: Scene, rotation: Array, position: Array, u=U, v=V) -> Values:

@@ -148,7 +148,7 @@ def _boxes(seed: int, count: int) -> tuple[Box, ...]:
 
 
 GAP = (2.315, 2.685)
-"""Where the gap begins and ends along x [m]."""
+"""Beginning and end of the gap along x [m]."""
 
 SCENES = {
     "flat": Scene((FLOOR,)),

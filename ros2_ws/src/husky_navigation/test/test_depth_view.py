@@ -1,4 +1,4 @@
-"""What a depth image says of cells, against projection by SciPy and errors that are drawn."""
+"""Cells of a depth image against projection by SciPy, variances against errors that are drawn."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ from husky_navigation.depth_view import (
     gather,
     no_seen_cells,
 )
-from husky_navigation.parameters import MapParameters
+from husky_navigation.map_parameters import MapParameters
 
 CAMERA = PinholeCamera(84.3, 108.2, 79.5, 59.5)
 LATTICE = Lattice(0.04, 200, -100, -100)

@@ -1,4 +1,4 @@
-"""What the map does over time: moving, things that come and go, drift, wrong poses, footholds."""
+"""The map over time: moving, things that come and go, drift, wrong poses, footholds."""
 
 from dataclasses import replace
 
@@ -10,7 +10,7 @@ from terrain_scenes import FLOOR, Box, Scene
 
 from husky_navigation.depth_view import DepthView, PinholeCamera
 from husky_navigation.elevation_map import ElevationMap
-from husky_navigation.parameters import MapParameters
+from husky_navigation.map_parameters import MapParameters
 
 FLAT = Scene((FLOOR,))
 BOX = Box((1.3, -0.2, -0.1), (1.6, 0.2, 0.3))
@@ -37,7 +37,7 @@ def in_box(elevation_map):
 def test_what_was_not_seen_is_nan():
     elevation_map = ElevationMap()
     assert np.isnan(elevation_map.elevation).all()
-    stand(elevation_map, FLAT, 3, np.random.default_rng(1))
+    stand(elevation_map, FLAT, 6, np.random.default_rng(1))
     x, _ = elevation_map.lattice.cell_centers()
     assert np.isnan(elevation_map.elevation[x < 0.4]).all()
     assert np.isnan(elevation_map.variance[x < 0.4]).all()
@@ -48,15 +48,15 @@ def test_what_was_not_seen_is_nan():
 
 def test_cells_keep_their_places_when_the_robot_moves():
     elevation_map = ElevationMap()
-    stand(elevation_map, WITH_BOX, 4, np.random.default_rng(1))
+    stand(elevation_map, WITH_BOX, 6, np.random.default_rng(1))
     before, (x, y) = elevation_map.elevation, elevation_map.lattice.cell_centers()
     elevation_map.move_to(np.array([0.53, -0.31]))
     after, (moved_x, moved_y) = elevation_map.elevation, elevation_map.lattice.cell_centers()
     assert np.abs(np.array(elevation_map.lattice.center) - [0.53, -0.31]).max() <= 0.02 + 1e-9
-    at = {
-        (round(a, 3), round(b, 3)): before[i, j] for i, a in enumerate(x) for j, b in enumerate(y)
-    }
-    expected = [[at.get((round(a, 3), round(b, 3)), np.nan) for b in moved_y] for a in moved_x]
+    east, north = round((moved_x[0] - x[0]) / 0.04), round((moved_y[0] - y[0]) / 0.04)
+    assert (east, north) == (13, -8)
+    expected = np.full((200, 200), np.nan)
+    expected[:-13, 8:] = before[13:, :-8]
     np.testing.assert_array_equal(after, expected)
     assert np.isfinite(expected).sum() > 2000
 
@@ -177,6 +177,8 @@ def test_bad_numbers_are_refused():
         elevation_map.move_to(np.array([np.nan, 0.0]))
     with pytest.raises(ValueError, match="position is"):
         elevation_map.observe_foothold(np.array([0.0, np.inf, 0.0]))
+    with pytest.raises(ValueError, match=r"deviation is 0\.0"):
+        elevation_map.observe_foothold(np.zeros(3), 0.0)
     view = DepthView(
         np.zeros((8, 8), dtype=np.uint16), PinholeCamera(8, 8, 4, 4), np.eye(3), np.zeros(3), 0.0
     )

@@ -6,15 +6,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from husky_navigation.cells import unseen_cells
-from husky_navigation.fusion import Measurements, fuse, measurement
-from husky_navigation.parameters import MapParameters
+from husky_navigation.fusion import HeightMeasurements, fuse, level_cells
+from husky_navigation.map_parameters import MapParameters
 
 FREE = MapParameters(gate=10.0, least_variance=1e-8)
 PLAIN = MapParameters()
 
 
 def show(cells, height, variance, points=5.0, parameters=PLAIN):
-    seen = measurement(height, variance, points)
+    seen = level_cells(np.array([height]), variance, points)
     return fuse(cells, np.array([0]), seen, parameters)[:2]
 
 
@@ -40,7 +40,7 @@ def test_heights_fuse_into_their_weighted_mean(seen):
 def test_what_measurements_have_in_common_does_not_average_out():
     cells = unseen_cells(1)
     one = np.ones(1)
-    seen = Measurements(0.0 * one, 4e-4 * one, 1e-4 * one, one, 0.0 * one, 0.0 * one)
+    seen = HeightMeasurements(0.0 * one, 4e-4 * one, 1e-4 * one, one, 0.0 * one, 0.0 * one)
     for _ in range(100):
         fuse(cells, np.array([0]), seen, PLAIN)
     assert cells.variance[0, 0] == pytest.approx(1e-4)
@@ -50,7 +50,7 @@ def test_a_better_variance_outlasts_a_worse_view():
     cells = unseen_cells(1)
     show(cells, 0.0, 2e-5)
     one = np.ones(1)
-    far = Measurements(0.0 * one, 1e-3 * one, 2e-4 * one, one, 0.0 * one, 0.0 * one)
+    far = HeightMeasurements(0.0 * one, 1e-3 * one, 2e-4 * one, one, 0.0 * one, 0.0 * one)
     fuse(cells, np.array([0]), far, PLAIN)
     assert cells.variance[0, 0] <= 2e-5
 
@@ -86,7 +86,9 @@ def test_a_blurred_view_must_last_longer():
 
 
 def many(height):
-    return Measurements(*(np.full(10, value) for value in (height, 1e-4, 1e-5, 5.0, 0.0, 0.0)))
+    return HeightMeasurements(
+        *(np.full(10, value) for value in (height, 1e-4, 1e-5, 5.0, 0.0, 0.0))
+    )
 
 
 def test_measurements_of_a_wrong_pose_change_nothing():
@@ -109,7 +111,7 @@ def test_offset_is_that_of_all_points():
     cells = unseen_cells(1)
     places, points = np.array([0.010, -0.004, 0.012]), np.array([3.0, 6.0, 1.0])
     for place, count in zip(places, points, strict=True):
-        seen = measurement(0.0, 1e-4, count)._replace(offset_x=np.array([place]))
+        seen = level_cells(np.zeros(1), 1e-4, count)._replace(offset_x=np.array([place]))
         fuse(cells, np.array([0]), seen, PLAIN)
     assert cells.offset_x[0, 0] == pytest.approx(np.average(places, weights=points))
     assert cells.support[0, 0] == 10.0

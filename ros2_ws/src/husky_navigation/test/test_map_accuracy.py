@@ -12,7 +12,7 @@ MOST_RMSE = {
     "flat": 0.015,
     "slope": 0.015,
     "rough": 0.015,
-    "steps": 0.02,
+    "steps": 0.018,
     "boxes": 0.028,
     "mixed": 0.024,
 }
@@ -43,7 +43,7 @@ def test_map_is_accurate_with_all_errors(name, record_property):
 
 
 def test_map_without_errors_is_exact():
-    """What is left is quantisation of depth, 0.5 mm, and cells that hold an edge."""
+    """Quantisation of depth is left, 0.5 mm, and cells that hold an edge."""
     result = walk(SCENES["flat"], STEADY, NONE, images=6, period=0.3)
     error = np.abs(result.map.elevation - result.truth())[result.near()]
     error = error[np.isfinite(error)]
@@ -51,7 +51,7 @@ def test_map_without_errors_is_exact():
     result = walk(SCENES["steps"], STEADY, NONE, images=10, period=0.3)
     error = np.abs(result.map.elevation - result.truth())[result.near()]
     error = error[np.isfinite(error)]
-    assert np.mean(error < 2e-3) > 0.9  # 2 or 3 of the 9 cells of a step are next to its edges
+    assert np.mean(error < 2e-3) > 0.85  # 1 of the 9 cells of a step holds its edge
 
 
 def test_variance_is_about_that_of_the_error():

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from husky_navigation.parameters import MapParameters
+from husky_navigation.map_parameters import MapParameters
 from husky_navigation.surface import Surface, occupancy_of, surface_of
 
 P = MapParameters()

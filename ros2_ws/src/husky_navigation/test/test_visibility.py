@@ -10,7 +10,7 @@ from terrain_scenes import FLOOR, Box, Scene
 
 from husky_navigation.cells import Lattice, unseen_cells
 from husky_navigation.depth_view import DepthView, PinholeCamera, no_seen_cells
-from husky_navigation.parameters import MapParameters
+from husky_navigation.map_parameters import MapParameters
 from husky_navigation.visibility import VisibilityRules, look_through
 
 LATTICE = Lattice(0.04, 200, -100, -100)

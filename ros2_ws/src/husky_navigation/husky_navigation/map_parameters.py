@@ -91,9 +91,9 @@ class MapParameters:
     lasting_share: Annotated[float, number(0.0, 1.0)] = 0.25
     travel_variance: Annotated[float, number(0.0, 1e-2)] = 9e-6
     time_variance: Annotated[float, number(0.0, 1e-2)] = 1e-7
-    least_support: Annotated[int, count(1, 100)] = 5
-    least_share: Annotated[float, number(0.0, 1.0)] = 0.3
-    most_offset: Annotated[float, number(0.1, 1.0)] = 0.3
+    least_support: Annotated[int, count(1, 100)] = 6
+    least_share: Annotated[float, number(0.0, 1.0)] = 0.45
+    most_offset: Annotated[float, number(0.1, 1.0)] = 0.2
     least_contradictions: Annotated[int, count(1, 100)] = 3
     lasting_contradictions: Annotated[int, count(1, 1000)] = 8
     contradicted_most: Annotated[float, number(0.0, 1.0)] = 0.5

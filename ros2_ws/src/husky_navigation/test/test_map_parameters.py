@@ -2,7 +2,7 @@
 
 import pytest
 
-from husky_navigation.parameters import MapParameters
+from husky_navigation.map_parameters import MapParameters
 
 
 @pytest.mark.parametrize(
