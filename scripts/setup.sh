@@ -337,7 +337,7 @@ main() {
         start_log "the build of ros2_ws"
         build_workspace "$underlay"
         . "$root/scripts/env.sh"
-        logged "$venv/bin/python" -c "import rclpy, husky_msgs.msg${lacking:+, tf2_msgs.msg}"
+        logged "$venv/bin/python" -c "import rclpy, husky_msgs.msg${lacking:+$(printf ', %s.msg' $(basename -a $lacking))}"
         echo "$wanted" > "$workspace/install/stamp"
         did=yes
     fi

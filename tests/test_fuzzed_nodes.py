@@ -36,6 +36,7 @@ NODES = {
     graph.VN200_DRIVER: ("husky_drivers", "Vn200Driver", {}),
     graph.T265_DRIVER: ("husky_drivers", "T265Driver", {}),
     graph.D435_DRIVER: ("husky_drivers", "D435Driver", {}),
+    graph.ELEVATION_MAPPER: ("husky_navigation", "ElevationMapper", {}),
     graph.LOW_LEVEL_CONTROLLER: (
         "husky_control",
         "LowLevelController",

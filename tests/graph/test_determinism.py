@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from grid_map_msgs.msg import GridMap
 from own_network import own_network
 from seen_robot import SETTINGS
 from sensor_msgs.msg import Image
@@ -163,12 +164,13 @@ def test_over_ethercat_frames_and_with_the_depth_camera(digest, new_graph):
     """Frames on a wire change nothing, nor do drives that answer late, nor does a camera.
 
     The camera's images are of their ticks: none is missing, and the first is that of the sitting
-    robot in a world of this process.
+    robot in a world of this process. The ground that is mapped is level.
     """
     with own_network(), new_graph(**{**SETTINGS, graph.PLANT: WIRED_AND_SEEING}) as another:
         drives = -another.session.processes.process_group(graph.DRIVE_SEGMENT)
         camera = -another.session.processes.process_group(graph.D435_DRIVER)
         images = another.tap(Image, graph.DEPTH_IMAGE, reliable=True)
+        maps = another.tap(GridMap, graph.ELEVATION_MAP, reliable=True)
         stalls: list[subprocess.Popen[bytes]] = []
 
         def stall(step: int) -> None:
@@ -191,6 +193,11 @@ def test_over_ethercat_frames_and_with_the_depth_camera(digest, new_graph):
         due = range(IMAGE_PERIOD, end - latency, IMAGE_PERIOD)
         assert set(due) <= seen.keys() and all(stamp % IMAGE_PERIOD == 0 for stamp in seen)
         assert seen[IMAGE_PERIOD].tobytes() == image_of_the_sitting_robot().tobytes()
+        another.reported(graph.ELEVATION_MAPPER, "mapping")
+        layers = dict(zip((last := maps.drain()[-1]).layers, last.data, strict=True))
+        ground = np.array(layers["elevation"].data)
+        ground = ground[np.isfinite(ground)]
+        assert len(ground) > 1000 and np.sqrt(np.mean(ground**2)) < 0.02
 
 
 def image_of_the_sitting_robot():

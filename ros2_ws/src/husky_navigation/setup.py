@@ -14,4 +14,9 @@ setup(
         (f"share/{package}", ["package.xml"]),
     ],
     zip_safe=False,
+    entry_points={
+        "console_scripts": [
+            "elevation_mapper = husky_navigation.nodes.elevation_mapper:main",
+        ],
+    },
 )

@@ -96,8 +96,8 @@ def simulated_robot(
 
     The plant's parameter `robot` selects the robot, one of `ROBOTS` or the path of a file; `body`
     what of it stands there, `bus` the bus of its drives, `mounting` how its fans are mounted,
-    `camera` whether its depth camera is on. The planner takes part when the controller's parameter
-    `planner` says so.
+    `camera` whether its depth camera is on, and the ground is mapped. The planner takes part when
+    the controller's parameter `planner` says so.
 
     Args:
         time: one of `TIMES`.
@@ -135,7 +135,7 @@ def simulated_robot(
     )
     specs = [NodeSpec("husky_sim", graph.PLANT, {"time": time}), *_NODES[numbers.actuation](choice)]
     if plant.get("camera", False):
-        specs.append(_camera(choice))
+        specs += _eyes(choice)
     if remote:
         specs.append(NodeSpec("husky_pu", graph.RC_TRANSMITTER, {"time": time}))
     if record is not None:
@@ -264,11 +264,14 @@ def _legs(choice: _Choice, bridge: NodeSpec) -> list[NodeSpec]:
     ]
 
 
-def _camera(choice: _Choice) -> NodeSpec:
-    """Return the depth camera's driver; raises ValueError for a body that carries none."""
+def _eyes(choice: _Choice) -> list[NodeSpec]:
+    """Return depth camera and mapper; raises ValueError for a body that carries no camera."""
     if choice.body == "unit":
         raise ValueError("camera is true, but body is 'unit': the robot carries the depth camera")
-    return NodeSpec("husky_drivers", graph.D435_DRIVER, {"clock": "device", **choice.told})
+    return [
+        NodeSpec("husky_drivers", graph.D435_DRIVER, {"clock": "device", **choice.told}),
+        NodeSpec("husky_navigation", graph.ELEVATION_MAPPER, dict(choice.told)),
+    ]
 
 
 def _unit(choice: _Choice) -> list[NodeSpec]:

@@ -24,7 +24,9 @@ from husky_bringup.bag import BagWriter
 from husky_description.robot import JOINT_NAMES
 from husky_runtime import graph
 
-MESSAGES = Path(__file__).resolve().parents[2] / "husky_msgs" / "msg"
+_WORKSPACE = Path(__file__).resolve().parents[3]
+MESSAGES = (_WORKSPACE / "src/husky_msgs/msg", _WORKSPACE / "underlay/grid_map_msgs/msg")
+"""Definitions of the graph's types that rosbags has none of."""
 FOREVER = QosTime(9223372036, 854775807)
 WRENCH = 2
 """A kind of PropulsionCommand."""
@@ -44,12 +46,19 @@ def profile(reliability: QosReliability, depth: int) -> Qos:
     )
 
 
+def types_of_the_graph(more: dict[str, str] | None = None) -> Any:
+    """The types of the graph as rosbags has them, with more fields in those that are named."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    for directory in MESSAGES:
+        for file in sorted(directory.glob("*.msg")):
+            text = f"{file.read_text('utf-8')}\n{(more or {}).get(file.stem, '')}"
+            store.register(get_types_from_msg(text, f"{directory.parent.name}/msg/{file.stem}"))
+    return store
+
+
 @pytest.fixture(scope="session")
 def typestore() -> Any:
-    store = get_typestore(Stores.ROS2_JAZZY)
-    for file in sorted(MESSAGES.glob("*.msg")):
-        store.register(get_types_from_msg(file.read_text("utf-8"), f"husky_msgs/msg/{file.stem}"))
-    return store
+    return types_of_the_graph()
 
 
 @pytest.fixture(scope="session")

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 from builtin_interfaces.msg import Duration, Time
+from console_bench import grid_map
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import TransformStamped
 from nav_msgs.msg import Odometry
@@ -26,6 +27,8 @@ LENGTH = 20
 """Of the bag [s]."""
 MODES = ("passive", "stand", "walk", "sit")
 """Of the robot in it, five seconds each."""
+MAPPING = 6
+"""Of the bag, after which the robot has a map; it tells one every three seconds [s]."""
 BEGIN = 100.0
 """Of the robot's time in it [s]; below it is counted from there."""
 
@@ -70,6 +73,10 @@ def told(seconds: float) -> Iterator[tuple[str, Any]]:
         report = DiagnosticArray(status=[status])
         report.header.stamp = stamp(seconds)
         yield graph.DIAGNOSTICS, report
+    if seconds >= MAPPING and seconds % 3.0 == 0.0:
+        known = grid_map((3, 3), elevation=lambda x, y: seconds)
+        known.header.stamp = stamp(seconds)
+        yield graph.ELEVATION_MAP, known
 
 
 def content() -> Iterator[tuple[str, bytes]]:

@@ -7,10 +7,13 @@ from typing import Any
 
 import pytest
 from builtin_interfaces.msg import Time
+from console_bench import grid_map
 from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import TransformStamped
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import BatteryState, JointState
 from std_msgs.msg import String
+from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker, MarkerArray
 
 from husky_bringup.console.description import read_description
@@ -170,3 +173,34 @@ def test_a_namespace_is_switched_on_the_page(page: Seen) -> None:
         page._scene._layers["mine"].value = shown
         page.show(1.0)
         assert drawing.handle.visible == shown
+
+
+def test_a_map_is_drawn_as_its_switch_says_until_time_starts_again(page: Seen) -> None:
+    def drawn() -> list[bool]:
+        return [handle.visible for handle in page._scene._map._handles.values()]
+
+    page.show(1.0)
+    assert graph.ELEVATION_MAP not in page._scene._layers and drawn() == []
+    page.tell(graph.ELEVATION_MAP, grid_map((3, 3), elevation=lambda x, y: x))
+    page.show(1.0)
+    switch = page._scene._layers[graph.ELEVATION_MAP]
+    assert switch.label == "elevation map" and drawn() == [True]
+    for shown in (False, True):
+        switch.value = shown
+        page.show(1.0)
+        assert drawn() == [shown]
+    page.show(0.5)
+    assert drawn() == [False]
+
+
+def test_the_frame_of_a_map_is_placed(page: Seen) -> None:
+    moved = TransformStamped(child_frame_id="odom")
+    moved.header.frame_id, moved.transform.translation.z = "world", 2.0
+    page.tell(graph.TF, TFMessage(transforms=[moved]))
+    page._scene._origin.value = "world"
+    page.show(1.0)
+    assert "odom" not in page._scene._frames
+    page.tell(graph.ELEVATION_MAP, grid_map((3, 3), elevation=lambda x, y: x))
+    page.show(1.0)
+    frame = page._scene._frames["odom"]
+    assert frame.visible and tuple(frame.position) == (0.0, 0.0, 2.0)

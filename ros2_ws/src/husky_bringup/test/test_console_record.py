@@ -9,10 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from bag_fixtures import MESSAGES
+from bag_fixtures import types_of_the_graph
 from rclpy.serialization import serialize_message
-from replay_bench import BEGIN, LENGTH, read, stamp, told
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from replay_bench import BEGIN, LENGTH, MAPPING, read, stamp, told
 
 from husky_bringup.bag import BagWriter
 from husky_bringup.console.record import Record, Recorded
@@ -42,12 +41,17 @@ def test_messages_come_in_their_order_each_once(record: Record) -> None:
     assert [each.time for each in joined] == sorted(each.time for each in joined)
 
 
+def test_of_maps_the_newest_alone_counts(record: Record) -> None:
+    count = topics(record.between(-1.0, 1000.0))
+    assert count[graph.ELEVATION_MAP] == len(range(MAPPING, LENGTH, 3))
+    maps = [m for m in record.standing(BEGIN + 19.5) if m.topic == graph.ELEVATION_MAP]
+    assert [m.time for m in maps] == [BEGIN + 18.0]
+    message = decode(graph.ELEVATION_MAP, maps[0].data)
+    assert message.header.stamp == stamp(18.0) and set(message.data[0].data) == {18.0}
+
+
 def test_a_type_that_has_changed_since_is_left_out_by_name(tmp_path: Path, profiles: Any) -> None:
-    store = get_typestore(Stores.ROS2_JAZZY)
-    for file in MESSAGES.glob("*.msg"):
-        more = "float64 of_old" if file.stem == "ControllerState" else ""
-        definition = f"{file.read_text('utf-8')}\n{more}"
-        store.register(get_types_from_msg(definition, f"husky_msgs/msg/{file.stem}"))
+    store = types_of_the_graph({"ControllerState": "float64 of_old"})
     writer = BagWriter(tmp_path / "bag", graph.TOPICS, profiles, store)
     channels = {channel.topic.relative: channel for channel in writer.channels}
     for topic, message in told(1.0):

@@ -18,7 +18,7 @@ import pytest
 from geometry_msgs.msg import TransformStamped
 from page_client import PageClient
 from rclpy.serialization import serialize_message
-from replay_bench import BEGIN, LENGTH, MODES, pose, read, stamp
+from replay_bench import BEGIN, LENGTH, MAPPING, MODES, pose, read, stamp
 from tf2_msgs.msg import TFMessage
 from viser._messages import GuiUpdateMessage
 
@@ -48,6 +48,7 @@ class Seen(Player):
             "mode": self._page._facts._rows[graph.CONTROLLER_STATE][0][1],
             "x": round(scene._tree.poses("odom").get("imu", (math.nan,))[0], 3),
             "drawn": scene._drawings.namespaces(),
+            "map": [h.vertices[0, 2] for h in scene._map._handles.values() if h.visible],
             "report": self._page._reports._last["node"][0].message,
             "plotted": len(self._page._plots["speed of the base [m/s]"]._points),
         }
@@ -66,6 +67,7 @@ def expected(seconds: float) -> dict[str, Any]:
         "mode": MODES[int(seconds * len(MODES) / LENGTH)],
         "x": seconds,
         "drawn": sorted(f"of_{n}" for n in range(LENGTH) if seconds - 3.0 <= n <= seconds),
+        "map": [seconds // 3.0 * 3.0] if seconds >= MAPPING else [],
         "report": f"second {int(seconds)}",
         "plotted": 1 + int(min(seconds, 10.0) / 0.06 + 1e-6),  # every third message of 50 Hz
     }
@@ -97,7 +99,7 @@ def test_playing_shows_the_same_as_going_there(play: Any, record: Record) -> Non
     at = player.time - BEGIN
     seen = player.look(wall + 100.0)
     assert player.time == BEGIN + at, "it stands"
-    assert seen["mode"] == expected(at)["mode"] and seen["drawn"] == expected(at)["drawn"]
+    assert all(seen[what] == expected(at)[what] for what in ("mode", "drawn", "map"))
     assert seen["x"] == pytest.approx(at, abs=0.021)
 
 

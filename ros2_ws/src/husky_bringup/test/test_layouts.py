@@ -7,13 +7,13 @@ from xml.etree import ElementTree
 
 import pytest
 import yaml
-from rosbags.typesys import Stores, get_typestore
 
 from husky_description.robot import load_robot
 from husky_description.urdf import build_urdf
 from husky_runtime import graph
 
-LAYOUTS = Path(__file__).resolve().parents[1] / "layouts"
+SOURCES = Path(__file__).resolve().parents[2]
+LAYOUTS = SOURCES / "husky_bringup" / "layouts"
 FRAMES = {
     graph.FRAME_ODOM,
     graph.FRAME_WORLD,
@@ -28,8 +28,10 @@ RVIZ_TYPES = {
     "rviz_default_plugins/RobotModel": "std_msgs/msg/String",
     "rviz_default_plugins/MarkerArray": "visualization_msgs/msg/MarkerArray",
     "rviz_default_plugins/Odometry": "nav_msgs/msg/Odometry",
+    "rviz_default_plugins/Map": "nav_msgs/msg/OccupancyGrid",
+    "grid_map_rviz_plugin/GridMap": "grid_map_msgs/msg/GridMap",
 }
-"""Displays of rviz_default_plugins and what they subscribe to."""
+"""Displays and what they subscribe to."""
 OTHERS = {"rviz_default_plugins/Grid", "rviz_default_plugins/TF"}
 NAMESPACES = {
     "foot_force",
@@ -91,21 +93,44 @@ def test_foxglove_shows_the_robot_in_frames_that_there_are(foxglove):
     assert {name.removeprefix("frame:") for name in scene["transforms"]} == FRAMES
     assert {layer["frameId"] for layer in scene["layers"].values()} <= FRAMES
     shown = {name for name, value in scene["topics"].items() if value["visible"]}
-    drawn = (graph.ROBOT_DESCRIPTION, graph.TERRAIN, graph.MARKERS)
+    drawn = (graph.ROBOT_DESCRIPTION, graph.TERRAIN, graph.MARKERS, graph.OCCUPANCY)
     assert shown == {graph.absolute(topic) for topic in drawn}
 
 
-def test_rviz_shows_topics_of_the_type_that_its_displays_take(rviz):
+def test_foxglove_hides_ground_that_was_not_seen(foxglove):
+    """A colour is #rrggbbaa; the grid is drawn over the whole map, as high as odom's origin."""
+    costs = foxglove["configById"]["3D!robot"]["topics"][graph.absolute(graph.OCCUPANCY)]
+    assert costs["colorMode"] == "custom", "the others have colours of their own"
+    colours = [costs[f"{which}Color"] for which in ("unknown", "min", "max")]
+    assert all(re.fullmatch("#[0-9a-f]{8}", colour) for colour in colours)
+    assert [colour.endswith("00") for colour in colours] == [True, False, False]
+
+
+def test_rviz_shows_what_it_has_a_display_for_by_itself(rviz):
+    """A display of a plug-in that is not there would be an error; it waits to be switched on."""
+    for display in rviz["Displays"]:
+        assert display["Enabled"] == display["Value"]
+        assert display["Enabled"] == display["Class"].startswith("rviz_default_plugins/")
+
+
+def test_rviz_draws_layers_that_the_map_has(rviz):
+    """Names in the node's source; importing it takes longer than all of these tests."""
+    (drawn,) = (d for d in rviz["Displays"] if d["Class"] == "grid_map_rviz_plugin/GridMap")
+    messages = SOURCES / "husky_navigation/husky_navigation/nodes/map_messages.py"
+    layers = set(re.findall(r'"(\w+)": (?:ground|surface)\.', messages.read_text("utf-8")))
+    assert {drawn["Height Layer"], drawn["Color Layer"]} <= layers
+
+
+def test_rviz_shows_topics_of_the_type_that_its_displays_take(rviz, typestore):
     types = {topic.name: topic.type for topic in graph.TOPICS}
     latched = {topic.name for topic in graph.TOPICS if topic.qos == "LATCHED"}
-    jazzy = get_typestore(Stores.ROS2_JAZZY)
     displays = rviz["Displays"]
     assert {display["Class"] for display in displays} == set(RVIZ_TYPES) | OTHERS
     for display in displays:
         wanted = RVIZ_TYPES.get(display["Class"])
         if wanted is not None:
             topic = display.get("Topic") or display["Description Topic"]
-            assert types[topic["Value"]] == wanted and wanted in jazzy.fielddefs
+            assert types[topic["Value"]] == wanted and wanted in typestore.fielddefs
             durability = "Transient Local" if topic["Value"] in latched else "Volatile"
             assert topic["Durability Policy"] == durability, topic["Value"]
     named = {display["Name"]: display for display in displays}
@@ -123,7 +148,6 @@ def test_rviz_shows_topics_of_the_type_that_its_displays_take(rviz):
 
 def test_every_drawing_has_a_name_that_the_layouts_know():
     """Namespaces in the nodes' sources."""
-    sources = Path(__file__).resolve().parents[2]
-    text = "".join(p.read_text("utf-8") for p in sources.glob("husky_*/husky_*/nodes/*markers.py"))
+    text = "".join(p.read_text("utf-8") for p in SOURCES.glob("husky_*/husky_*/nodes/*markers.py"))
     literals = set(re.findall(r'"([a-z_]+)"', text))
     assert literals >= NAMESPACES and not {n for n in literals if "plan_" in n} - NAMESPACES

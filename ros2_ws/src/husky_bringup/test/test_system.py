@@ -47,11 +47,12 @@ def test_the_controller_uses_fans_only_where_there_are_some():
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_the_depth_camera_comes_with_its_driver(robot):
+def test_the_depth_camera_comes_with_its_driver_and_the_mapper(robot):
     settings = {graph.PLANT: {"camera": True, "robot": robot}}
     without = {graph.PLANT: {"camera": False, "robot": robot}}
     names = [spec.name for spec in simulated_robot(settings=settings)]
-    assert [*(spec.name for spec in simulated_robot(settings=without)), graph.D435_DRIVER] == names
+    blind = [spec.name for spec in simulated_robot(settings=without)]
+    assert [*blind, graph.D435_DRIVER, graph.ELEVATION_MAPPER] == names
 
 
 def test_bad_body_and_node():

@@ -7,6 +7,9 @@ from typing import Annotated
 
 from husky_description.parameters import bounds_of, count, number, read_value
 
+MOST_CELLS = 1000
+"""Along an edge of the map: one of 6 layers then takes 24 MB."""
+
 
 @dataclass(frozen=True)
 class MapParameters:
@@ -133,6 +136,11 @@ class MapParameters:
         if abs(cells - round(cells)) > 1e-6 or round(cells) % 2:
             raise ValueError(
                 f"length: {self.length} is not an even number of cells of {self.resolution} m"
+            )
+        if round(cells) > MOST_CELLS:
+            raise ValueError(
+                f"length: {self.length} is {round(cells)} cells of {self.resolution} m, it must be "
+                f"{MOST_CELLS} at most"
             )
 
     @property

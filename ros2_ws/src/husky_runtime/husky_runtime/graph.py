@@ -45,6 +45,8 @@ DEPTH_IMAGE = "camera/camera/depth/image_rect_raw"
 DEPTH_CAMERA_INFO = "camera/camera/depth/camera_info"
 DEPTH_POINTS = "camera/camera/depth/color/points"
 """Of the depth camera, as realsense-ros names them."""
+ELEVATION_MAP = "elevation_map"
+OCCUPANCY = "elevation_map/occupancy"
 INCLINE_PLAN = "planner/plan"
 ROBOT_DESCRIPTION = "robot_description"
 TF = "tf"
@@ -63,6 +65,7 @@ DRIVES_INJECT_FAULT = "drives/inject_fault"
 SET_MODE = "controller/set_mode"
 SET_GAIT = "controller/set_gait"
 PLAN_CYCLE = "planner/plan_cycle"
+CLEAR_MAP = "elevation_map/clear"
 PROPULSION_ARM = "propulsion/arm"
 PROPULSION_SET_MODE = "propulsion/set_mode"
 PROPULSION_KILL = "propulsion/kill"
@@ -89,6 +92,7 @@ PIXHAWK_BRIDGE = "pixhawk_bridge"
 RC_TRANSMITTER = "rc_transmitter"
 T265_DRIVER = "t265_driver"
 D435_DRIVER = "d435_driver"
+ELEVATION_MAPPER = "elevation_mapper"
 RECORDER = "recorder"
 TELEOP = "teleop"
 FOXGLOVE_GATEWAY = "foxglove_gateway"
@@ -107,6 +111,7 @@ NODES = (
     RC_TRANSMITTER,
     T265_DRIVER,
     D435_DRIVER,
+    ELEVATION_MAPPER,
 )
 """Those that are the robot: one of each in a domain."""
 
@@ -199,6 +204,8 @@ TOPICS = (
     Topic(DEPTH_IMAGE, "sensor_msgs/msg/Image", (D435_DRIVER,), "STATUS", 10.0),
     Topic(DEPTH_CAMERA_INFO, "sensor_msgs/msg/CameraInfo", (D435_DRIVER,), "STATUS", 10.0),
     Topic(DEPTH_POINTS, "sensor_msgs/msg/PointCloud2", (D435_DRIVER,), "STATUS", 0.0),
+    Topic(ELEVATION_MAP, "grid_map_msgs/msg/GridMap", (ELEVATION_MAPPER,), "LATCHED", 1.0),
+    Topic(OCCUPANCY, "nav_msgs/msg/OccupancyGrid", (ELEVATION_MAPPER,), "LATCHED", 1.0),
     Topic(INCLINE_PLAN, "husky_msgs/msg/InclinePlan", (PLANNER,), "LATCHED", 0.0),
     Topic(ROBOT_DESCRIPTION, "std_msgs/msg/String", JOINT_BRIDGES, "LATCHED", 0.0),
     Topic(

@@ -1,4 +1,4 @@
-"""Grounds that the robot can be put on: flat, slope, ramp, tiles, steps, gap."""
+"""Grounds that the robot can be put on: flat ground, slopes, obstacles, scenes to look at."""
 
 from __future__ import annotations
 
@@ -10,6 +10,20 @@ import numpy as np
 from husky_description.plain_mujoco import mujoco
 from husky_sim.gap import DEPTH, Gap
 from husky_sim.ramp import Ramp, SurfacePoint
+from husky_sim.scene_grounds import (
+    MIXED_ROUGHNESS,
+    START,
+    STEEPEST_BANK,
+    WIDEST_LANE,
+    SceneArea,
+    SolidBox,
+    check_facets,
+    mixed_scene,
+    rising_banks,
+    rising_tiers,
+    rough_facets,
+    scattered_boxes,
+)
 
 FLOOR = "floor"
 """Name of the ground plane's geom; other terrain geoms are named floor_0, floor_1, ..."""
@@ -26,13 +40,16 @@ class TerrainOptions:
         kind: one of `KINDS`.
         slope: inclination of the slope about the base's y axis, uphill along +x [rad]; a ramp's
             is not negative.
-        height: greatest tile height, or height of one step, or of the step behind a gap [m].
-        size: edge of a tile, or depth of one step, or width of a gap along +x [m].
-        length: how far tiles and steps reach along +x, from 0.8 m before the robot's start [m]; of
-            the straight slope of a ramp.
-        approach: flat ground before a ramp or a gap [m].
+        height: greatest height of tiles and scenes, or height of one step, or of the step behind a
+            gap [m].
+        size: edge of a tile or a facet, or depth of one step, or width of a gap along +x [m].
+        length: how far tiles, steps and scenes reach along +x, from 0.8 m before the robot's start
+            [m]; of the straight slope of a ramp.
+        approach: flat ground before a ramp or a gap, or where the lane ends [m].
         blend: radius of the arcs at its foot and its crest [m].
         top: flat ground at its top, or behind a gap [m].
+        lane: width of the flat ground along +x that rough ground, boxes, mixed scenes and steps
+            leave free, 0 for none [m].
     """
 
     kind: str = "flat"
@@ -43,6 +60,7 @@ class TerrainOptions:
     approach: float = 1.5
     blend: float = 1.0
     top: float = 4.0
+    lane: float = 0.0
 
     def __post_init__(self) -> None:
         """Raise ValueError for what cannot be built: its name, value, what is allowed."""
@@ -56,6 +74,7 @@ class TerrainOptions:
             ("approach", 0.0, 100.0),
             ("blend", 0.0, 100.0),
             ("top", 0.0, 100.0),
+            ("lane", 0.0, WIDEST_LANE),
         ):
             value = getattr(self, name)
             if not lower <= value <= upper:
@@ -64,6 +83,17 @@ class TerrainOptions:
                 )
         if self.kind == "ramp":
             self.ramp  # noqa: B018 - refuses what is no ramp
+        if self.kind in ("steps", "rough", "boxes", "mixed", "banks"):
+            self.area  # noqa: B018 - refuses a lane without a scene ahead
+        if self.kind == "rough":
+            check_facets(self.height, self.size)
+        if self.kind == "banks" and not 0.0 <= self.slope <= STEEPEST_BANK:
+            allowed = f"0 to {np.degrees(STEEPEST_BANK):.3g} deg"
+            raise ValueError(
+                f"terrain slope is {np.degrees(self.slope):.3g} deg, of banks it must be {allowed}"
+            )
+        if self.kind == "mixed":
+            check_facets(self.height, self.size, MIXED_ROUGHNESS)
 
     @property
     def ramp(self) -> Ramp:
@@ -75,10 +105,15 @@ class TerrainOptions:
         """The surface of a gap of these measures."""
         return Gap(self.approach, self.size, self.height, self.top)
 
+    @property
+    def area(self) -> SceneArea:
+        """The ground that a scene takes; raises ValueError for a lane without a scene ahead."""
+        return SceneArea(self.lane, self.approach, self.length)
+
     def at(self, distance: float) -> SurfacePoint:
         """Return the point of the surface at a length along it from x = 0 [m].
 
-        On tiles and steps it is the ground on which they stand.
+        On tiles, steps and scenes it is the ground on which they stand.
         """
         if self.kind == "ramp":
             return self.ramp.at(distance)
@@ -94,7 +129,7 @@ def build(spec: mujoco.MjSpec, options: TerrainOptions, seed: int) -> None:
     Args:
         spec: the scene; its world body gets the geoms, of the default class "terrain".
         options: which ground.
-        seed: of the tile heights.
+        seed: of everything about it that is random.
     """
     KINDS_TABLE[options.kind](spec, options, np.random.default_rng(seed))
 
@@ -165,7 +200,7 @@ def _tiles(spec: mujoco.MjSpec, options: TerrainOptions, rng: np.random.Generato
     for row in range(int(options.length / options.size)):
         for column in range(columns):
             centre = (
-                0.8 + (row + 0.5) * options.size,
+                START + (row + 0.5) * options.size,
                 (column + 0.5 - columns / 2) * options.size,
             )
             top = float(rng.uniform(0.0, options.height))
@@ -175,11 +210,17 @@ def _tiles(spec: mujoco.MjSpec, options: TerrainOptions, rng: np.random.Generato
 
 
 def _steps(spec: mujoco.MjSpec, options: TerrainOptions, rng: np.random.Generator) -> None:
-    """Stairs up along +x, each step of the same height and depth, with a landing at the top."""
+    """Stairs up along +x, each step of the same height and depth, with a landing at the top.
+
+    With a lane, at most five tiers that rise away from it, to both sides and ahead.
+    """
     _flat(spec, options, rng)
+    if options.lane:
+        _add_boxes(spec, rising_tiers(options.area, options.height, options.size))
+        return
     count = int(options.length / options.size)
     for step in range(count):
-        start = 0.8 + step * options.size
+        start = START + step * options.size
         depth = options.size if step < count - 1 else 4.0
         _box(spec, step, (start + depth / 2, 0.0), (depth, 4.0), (step + 1) * options.height)
 
@@ -198,6 +239,42 @@ def _gap(spec: mujoco.MjSpec, options: TerrainOptions, rng: np.random.Generator)
         )
 
 
+def _rough(spec: mujoco.MjSpec, options: TerrainOptions, rng: np.random.Generator) -> None:
+    """Tilted facets beside the lane and ahead."""
+    _flat(spec, options, rng)
+    _add_boxes(spec, rough_facets(options.area, options.height, options.size, rng))
+
+
+def _boxes(spec: mujoco.MjSpec, options: TerrainOptions, rng: np.random.Generator) -> None:
+    """Boxes on flat ground beside the lane and ahead."""
+    _flat(spec, options, rng)
+    _add_boxes(spec, scattered_boxes(options.area, options.height, rng))
+
+
+def _mixed(spec: mujoco.MjSpec, options: TerrainOptions, rng: np.random.Generator) -> None:
+    """Boxes and flights of steps on rough ground beside the lane and ahead."""
+    _flat(spec, options, rng)
+    _add_boxes(spec, mixed_scene(options.area, options.height, options.size, rng))
+
+
+def _banks(spec: mujoco.MjSpec, options: TerrainOptions, rng: np.random.Generator) -> None:
+    """Planes that rise away from the lane, to both sides and ahead."""
+    _flat(spec, options, rng)
+    _add_boxes(spec, rising_banks(options.area, options.slope))
+
+
+def _add_boxes(spec: mujoco.MjSpec, boxes: list[SolidBox]) -> None:
+    for index, box in enumerate(boxes):
+        spec.worldbody.add_geom(
+            name=f"{FLOOR}_{index}",
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            pos=box.centre,
+            size=box.half_size,
+            quat=box.quaternion,
+            material="tile",
+        )
+
+
 Builder = Callable[[mujoco.MjSpec, TerrainOptions, np.random.Generator], None]
 
 KINDS_TABLE: dict[str, Builder] = {
@@ -207,6 +284,10 @@ KINDS_TABLE: dict[str, Builder] = {
     "tiles": _tiles,
     "steps": _steps,
     "gap": _gap,
+    "rough": _rough,
+    "boxes": _boxes,
+    "mixed": _mixed,
+    "banks": _banks,
 }
 """Builder of each kind of ground: a new terrain is a function and a row here."""
 

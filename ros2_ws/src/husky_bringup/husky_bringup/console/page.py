@@ -226,6 +226,7 @@ _TAKERS: dict[str, Callable[[Page, Any], None]] = {
     graph.TF: lambda page, message: page._scene.take_transforms(message),
     graph.TERRAIN: lambda page, message: page._scene.take_ground(message),
     graph.MARKERS: lambda page, message: page._scene.take_markers(message),
+    graph.ELEVATION_MAP: lambda page, message: page._scene.take_map(message),
     graph.CONTROLLER_STATE: Page._on_controller,
     graph.ODOM: Page._on_odometry,
     graph.JOINT_STATES: Page._on_joints,

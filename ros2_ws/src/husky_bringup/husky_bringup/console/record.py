@@ -11,6 +11,7 @@ from itertools import chain
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
+from zlib import compress, decompress
 
 from husky_bringup.bag_reader import BagReader
 from husky_bringup.console.page import PLOTTED, SOURCES
@@ -26,11 +27,22 @@ _SLACK = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class Recorded:
-    """A message: log time [s], its topic as in `SOURCES`, and what it is in CDR."""
+    """A message.
+
+    Attributes:
+        time: log time [s].
+        topic: as in `SOURCES`.
+        kept: its CDR; that of a map is compressed, since most of its cells are not known.
+    """
 
     time: float
     topic: str
-    data: bytes
+    kept: bytes
+
+    @property
+    def data(self) -> bytes:
+        """Its CDR."""
+        return decompress(self.kept) if self.topic == graph.ELEVATION_MAP else self.kept
 
 
 @dataclass(slots=True)
@@ -59,6 +71,18 @@ class _Track:
         time = attrgetter("time")
         first = bisect_right(self.messages, after, key=time)
         return self.messages[first : bisect_right(self.messages, until, key=time)]
+
+    def standing(self, time: float) -> list[Recorded]:
+        """Return the messages that still count at a time [s]; of maps the newest alone."""
+        found = self.between(time - self.stands, time)
+        return found[-1:] if self.topic.relative == graph.ELEVATION_MAP else found
+
+    def add(self, time: float, data: bytes) -> None:
+        """Keep a message [CDR] of a log time [s], unless it comes too early."""
+        if not self.messages or time >= self.messages[-1].time + self.period:
+            topic = self.topic.relative
+            kept = compress(data, 1) if topic == graph.ELEVATION_MAP else data
+            self.messages.append(Recorded(time, topic, kept))
 
 
 class Record:
@@ -106,9 +130,7 @@ class Record:
 
     def standing(self, time: float) -> list[Recorded]:
         """Return the messages that still count at a time [s], in their order."""
-        return _in_order(
-            track.between(time - track.stands, time) for track in self._tracks.values()
-        )
+        return _in_order(track.standing(time) for track in self._tracks.values())
 
     def close(self) -> None:
         """Read no further."""
@@ -140,8 +162,7 @@ class Record:
                 return
             track, time = tracks[connection.topic], time_ns / 1e9
             self.read_to = time
-            if not track.messages or time >= track.messages[-1].time + track.period:
-                track.messages.append(Recorded(time, track.topic.relative, data))
+            track.add(time, data)
 
     def _is_known(self, kind: str, connection: Any, reader: Any, today: Definitions) -> bool:
         """Return whether messages are of a type as it is today, and note where they are not."""

@@ -8,11 +8,13 @@ from typing import Any
 from urllib.parse import quote
 
 import trimesh
+from grid_map_msgs.msg import GridMap
 from tf2_msgs.msg import TFMessage
 from viser import ViserServer
 from visualization_msgs.msg import MarkerArray
 
 from husky_bringup.console.drawings import Drawings
+from husky_bringup.console.elevation import ElevationDrawing
 from husky_bringup.console.frame_tree import IDENTITY, FrameTree, Pose
 from husky_bringup.console.server import move
 from husky_runtime import graph
@@ -33,7 +35,7 @@ _AXES = 0.1
 
 
 class Scene:
-    """Draws frames, the robot's links in them, markers and ground."""
+    """Draws frames, the robot's links in them, markers, ground and its map."""
 
     def __init__(self, server: ViserServer):
         """Draw nothing but a grid; the controls of the view are where the page is made just now."""
@@ -44,6 +46,7 @@ class Scene:
         self._looks: dict[str, Any] = {}
         self._drawings = Drawings(server.scene, _path, "drawn")
         self._ground = Drawings(server.scene, _path, "ground")
+        self._map = ElevationDrawing(server.scene, _path)
         self._layers: dict[str, Any] = {}
         self._centre = (0.0, 0.0, 0.0)
         self._root = server.scene.add_frame(_ROOT, show_axes=False)
@@ -91,9 +94,14 @@ class Scene:
         self._ground.take(message)
         self._grid.visible = not message.markers
 
+    def take_map(self, message: GridMap) -> None:
+        """Take the map of the ground that the robot has made; raises ValueError for none."""
+        self._map.take(message)
+
     def restart(self) -> None:
         """The robot's time has started again: what was drawn is of another run."""
         self._drawings.clear()
+        self._map.clear()
 
     def forget(self) -> None:
         """Forget all but the robot's looks and the ground."""
@@ -123,6 +131,7 @@ class Scene:
             self._centre_on(poses.get(graph.FRAME_BASE, IDENTITY))
             # One that nothing hangs on costs as much as another, and is not seen.
             used = {*self._meshes, *self._drawings.frames(), *self._ground.frames()}
+            used.add(self._map.frame)
             placed = {n: p for n, p in poses.items() if n in used or self._axes.value}
             for name, pose in placed.items():
                 self._place(name, pose)
@@ -131,6 +140,7 @@ class Scene:
                     handle.visible = not handle.visible
             self._ground.draw(now)
             self._drawings.draw(now)
+            self._map.draw()
         self._offer_layers()
 
     def _centre_on(self, base: Pose) -> None:
@@ -159,15 +169,21 @@ class Scene:
             )
 
     def _offer_layers(self) -> None:
-        """Have a switch for each namespace of markers, and do as it says."""
+        """Have a switch for each namespace of markers and for the map, and do as it says."""
         for drawings in (self._ground, self._drawings):
             for namespace in drawings.namespaces():
-                if namespace not in self._layers:
-                    self._layer_folder.visible = True
-                    with self._layer_folder:
-                        switch = self._server.gui.add_checkbox(namespace.replace("_", " "), True)
-                    self._layers[namespace] = switch
-                drawings.show(namespace, bool(self._layers[namespace].value))
+                drawings.show(namespace, self._is_on(namespace))
+        if self._map.frame:
+            self._map.show(self._is_on(graph.ELEVATION_MAP))
+
+    def _is_on(self, layer: str) -> bool:
+        """Return whether a layer is switched on; one that has no switch gets it."""
+        if layer not in self._layers:
+            self._layer_folder.visible = True
+            with self._layer_folder:
+                switch = self._server.gui.add_checkbox(layer.replace("_", " "), True)
+            self._layers[layer] = switch
+        return bool(self._layers[layer].value)
 
 
 def _path(frame: str) -> str:

@@ -43,7 +43,7 @@ _PARAMETER_EVENTS = graph.Topic(
     page.PARAMETER_EVENTS, "rcl_interfaces/msg/ParameterEvent", (), "COMMAND", 0.0
 )
 _DEPTH = 100
-"""Messages that wait for the next look at a topic that is drawn whole."""
+"""Messages that wait for the next look at a topic that is drawn whole; of maps one does."""
 
 
 @dataclass(slots=True)
@@ -115,10 +115,11 @@ class Console(OneClock, Node):
                 topic = replace(row, relative=self.resolve_topic_name(row.relative))
                 take = partial(self._take, row.relative, message_class(row.type))
                 enter = self._guard.guarded(take, topic.name, bytes, raw=True)
-                depth = 1 if row.rate > self._rate else _DEPTH
                 # Where the next message replaces one that is lost, none need be acknowledged: that
                 # is work for who publishes it.
-                follows = depth == 1 or row.relative == graph.TF
+                is_fast = row.rate > self._rate
+                follows = is_fast or row.relative == graph.TF
+                depth = 1 if is_fast or row.relative == graph.ELEVATION_MAP else _DEPTH
                 offered = qos.CONTROL if follows else qos.PROFILES[row.qos]
                 subscription = RawSubscription(self, topic, offered, depth)
                 self._sources.append(_Source(subscription, enter))

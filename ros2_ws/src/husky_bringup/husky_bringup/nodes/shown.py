@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from grid_map_msgs.msg import GridMap
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_typestore
 from tf2_msgs.msg import TFMessage
@@ -38,6 +39,8 @@ def decode_shown(topic: str, data: bytes, kind: Any) -> Any:
         return deserialize(data, kind)
     if kind in _LISTS:
         return checked(_deserialize_list(data, kind), kind)
+    if kind is GridMap:
+        return _decode_map(data)
     return checked(deserialize(data, kind), kind)
 
 
@@ -46,3 +49,15 @@ def _deserialize_list(data: bytes, kind: Any) -> Any:
         return _STORE.deserialize_cdr(data, _LISTS[kind])
     except (SerdeError, IndexError) as error:
         raise ValueError(f"{len(data)} bytes are no {kind.__name__}") from error
+
+
+def _decode_map(data: bytes) -> GridMap:
+    """Return a map whose layers are not looked through: the drawing leaves out what is no height.
+
+    They are a quarter of a million numbers, of which most are NaN.
+    """
+    message = deserialize(data, GridMap)
+    layers, message.data = message.data, []
+    checked(message, GridMap)
+    message.data = layers
+    return message

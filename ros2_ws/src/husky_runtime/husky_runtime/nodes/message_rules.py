@@ -32,7 +32,13 @@ _TEXT = 4096
 _LENGTH = 4096
 """Entries of a list that has no bound of its own."""
 _BYTES = 65_536
-"""Of a message whose kind allows for any length [B]; the longest of ours has half as many."""
+"""Of a message whose kind allows for any length [B], unless it is one of `_LONG`."""
+_LONG = {
+    "grid_map_msgs/GridMap": 32_000_000,
+    "nav_msgs/OccupancyGrid": 2_000_000,
+    "sensor_msgs/Image": 4_000_000,
+}
+"""The same of images and maps [B]: 1280 x 720 pixels of 4 bytes, 1000 x 1000 cells of 8 layers."""
 _HUGE = 1e9
 """No number of the graph is beyond this, whatever its unit."""
 MOST_PARAMETERS = 512
@@ -63,6 +69,8 @@ class Numbers:
 
 
 _JOINTS = 12
+_SMALL = ("boolean", "octet", "int8", "uint8")
+"""Types of numbers whose every value is one: pixels and costs are not looked through."""
 _UNKNOWN = Numbers(unknown=True)
 _POINT = Numbers(1e6)
 
@@ -77,6 +85,8 @@ RULES: Mapping[str, Mapping[str, Numbers]] = {
         "twist.twist.linear": Numbers(1e3),  # m/s
         "twist.twist.angular": Numbers(1e3),  # rad/s
     },
+    "sensor_msgs/Image": {"data": Numbers(most=4_000_000)},
+    "nav_msgs/OccupancyGrid": {"data": Numbers(most=2_000_000)},
     "sensor_msgs/BatteryState": dict.fromkeys(
         (
             "voltage",
@@ -159,7 +169,9 @@ def make_check(message_type: type) -> Check:
 def most_bytes(message_type: type) -> int | None:
     """Return how long a serialised message of a kind may be [B], None where that is fixed."""
     slots = message_type.SLOT_TYPES  # type: ignore[attr-defined]
-    return None if all(map(_is_fixed, slots)) else _BYTES
+    if all(map(_is_fixed, slots)):
+        return None
+    return _LONG.get(kind_of(message_type), _BYTES)
 
 
 def _is_fixed(slot: Any) -> bool:
@@ -300,6 +312,8 @@ def _element_check(
 ) -> Callable[[Any], str] | None:
     """Return the check of what a list holds, given the list."""
     if isinstance(element, BasicType):
+        if element.typename in _SMALL:
+            return None
         floats = element.typename in ("float", "double")
         return _values_check(path, numbers) if floats or rule is not None else None
     if isinstance(element, AbstractString):

@@ -78,14 +78,18 @@ class OneClock(_Base):  # type: ignore[misc, valid-type]
 
     @property
     def unawaited(self) -> tuple[Subscription, ...]:
-        """Subscriptions that need not wake the node."""
+        """Subscriptions that need not wake the node; a node may add some of its own."""
+        return self._clock_subscriptions
+
+    @property
+    def _clock_subscriptions(self) -> tuple[Subscription, ...]:
         clock = self._time_source._clock_sub
         return () if clock is None else (clock,)
 
     def get_clock(self) -> Clock:
         """Return the node's clock; it shows the newest time that has come."""
         guard: Any = getattr(self.executor, "guard", None)
-        for told in self.unawaited if guard is not None else ():
+        for told in self._clock_subscriptions if guard is not None else ():
             if self._enter_clock is None:
                 self._enter_clock = guard.guarded(
                     self._time_source.clock_callback, told.topic_name, told.msg_type, raw=False

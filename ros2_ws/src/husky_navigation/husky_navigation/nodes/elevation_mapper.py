@@ -1,0 +1,286 @@
+"""Node `elevation_mapper`: a map of the ground around the robot from the depth camera and feet."""
+
+from __future__ import annotations
+
+import struct
+import sys
+import time
+from collections import deque
+from collections.abc import Sequence
+
+import numpy as np
+from grid_map_msgs.msg import GridMap
+from nav_msgs.msg import OccupancyGrid, Odometry
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message
+from rclpy.subscription import Subscription
+from sensor_msgs.msg import CameraInfo, Image, JointState
+from std_srvs.srv import Trigger
+
+from husky_description.arrays import Array
+from husky_description.parameters import Bounds, bounds_of
+from husky_msgs.msg import ControllerState
+from husky_navigation.depth_view import DepthImage, DepthView, PinholeCamera
+from husky_navigation.elevation_map import ElevationMap
+from husky_navigation.ground_mapper import GroundMapper
+from husky_navigation.map_parameters import MapParameters
+from husky_navigation.nodes.map_messages import grid_map_message, occupancy_message
+from husky_navigation.surface import surface_of
+from husky_runtime import graph
+from husky_runtime.nodes import diagnostics, qos, stamps
+from husky_runtime.nodes.message_guard import Refused
+from husky_runtime.nodes.one_clock import OneClock
+from husky_runtime.nodes.parameters import declare, declare_robot
+from husky_runtime.nodes.run import run
+
+_TUNABLE = {
+    "resolution": "edge of a cell [m]",
+    "length": "edge of the map [m], an even number of cells",
+    "least_depth": "nearer depths are not used [m]",
+    "most_depth": "farther depths are not used [m]",
+    "most_slope": "slope that counts as an obstacle [rad]",
+    "most_step": "height of a step that counts as an obstacle [m]",
+    "most_roughness": "deviation from a plane that counts as an obstacle [m]",
+}
+"""Fields of `MapParameters` that are parameters of the node."""
+_HISTORY = QoSProfile(depth=128, reliability=ReliabilityPolicy.BEST_EFFORT)
+"""Joint states are looked at when odometry comes, 10 later; the depth covers a burst."""
+_JOINTS_KEPT = 500
+"""Joint states: 1 s."""
+_JOINTS_NEAR_NS = 5_000_000
+"""From the time that is looked up, within which joint states tell the joints [ns]."""
+_UNKNOWN = 0.5
+"""Variance of the velocity on `/odometry` from which on the base is not known [m^2/s^2]: it says 1
+of a robot that falls or hangs."""
+_SILENT_NS = 1_000_000_000
+"""Time without an image that is a fault [ns]."""
+_STAMP = struct.Struct("<iI")
+_ENCAPSULATION = 4
+"""Bytes before the stamp with which a serialised `sensor_msgs/JointState` begins."""
+
+
+class ElevationMapper(OneClock, Node):
+    """Maps the ground; publishes the map once a second of the images' time."""
+
+    def __init__(self) -> None:
+        """Declare parameters and let the kernels be compiled, or loaded."""
+        super().__init__(graph.ELEVATION_MAPPER)
+        robot = declare_robot(self)
+        parameters = self._declare_map()
+        what = "between two maps, in the images' time [s]"
+        self._period_ns = round(1e9 * declare(self, "publish_period", 1.0, what, 0.05, 60.0))
+        _warm_up(parameters)
+        self._joints = _JointHistory()
+        self.mapper = GroundMapper(robot, self._joints.at, parameters)
+        self.hot: Sequence[Subscription] = []
+        self._camera: PinholeCamera | None = None
+        self._base_known: bool | None = None
+        self._published_ns = -1
+        self._image_ms = 0.0
+        self._maps = self.create_publisher(GridMap, graph.ELEVATION_MAP, qos.LATCHED)
+        self._grids = self.create_publisher(OccupancyGrid, graph.OCCUPANCY, qos.LATCHED)
+        self._listen()
+        self.create_service(Trigger, graph.CLEAR_MAP, self._on_clear)
+        self._diagnostics = diagnostics.Diagnostics(self, "elevation map", self._report)
+
+    def _declare_map(self) -> MapParameters:
+        """Declare the map's parameters; raises ValueError for those that contradict each other."""
+        default, bounds = MapParameters(), bounds_of(MapParameters)
+        values = {}
+        for name, what in _TUNABLE.items():
+            limits = bounds[name]
+            assert isinstance(limits, Bounds)
+            values[name] = declare(
+                self, name, getattr(default, name), what, limits.lower, limits.upper
+            )
+        return MapParameters(**values)
+
+    def _listen(self) -> None:
+        """Subscribe to images, joints, odometry and contacts."""
+        self.create_subscription(
+            CameraInfo, graph.DEPTH_CAMERA_INFO, self._on_camera_info, qos.STATUS
+        )
+        self.create_subscription(Image, graph.DEPTH_IMAGE, self._on_image, qos.STATUS)
+        self.create_subscription(Odometry, graph.ODOMETRY, self._on_odometry, qos.STATUS)
+        self.create_subscription(
+            ControllerState, graph.CONTROLLER_STATE, self._on_controller_state, qos.STATUS
+        )
+        self._joint_states = self.create_subscription(
+            JointState, graph.JOINT_STATES, self._joints.add, _HISTORY, raw=True
+        )
+
+    @property
+    def unawaited(self) -> tuple[Subscription, ...]:
+        """Joint states, 500 a second, need not wake the node either."""
+        return (*super().unawaited, self._joint_states)
+
+    # Measurements -------------------------------------------------------------------------------
+    def _on_camera_info(self, info: CameraInfo) -> None:
+        k = info.k
+        self._camera = PinholeCamera(fx=k[0], fy=k[4], cx=k[2], cy=k[5])
+
+    def _on_image(self, image: Image) -> None:
+        if self._camera is None:
+            raise Refused(f"no camera_info on {graph.absolute(graph.DEPTH_CAMERA_INFO)} yet")
+        before = time.perf_counter()
+        try:
+            stamp = stamps.to_ns(image.header.stamp)
+            self.mapper.add_image(stamp, _depth_of(image), self._camera)
+        except ValueError as error:
+            raise Refused(str(error)) from error
+        self._after(before)
+
+    def _on_odometry(self, odometry: Odometry) -> None:
+        at = odometry.pose.pose
+        p, q = at.position, at.orientation
+        self._base_known = known = bool(odometry.twist.covariance[0] < _UNKNOWN)
+        before = time.perf_counter()
+        try:
+            self.mapper.add_pose(
+                stamps.to_ns(odometry.header.stamp),
+                np.array((p.x, p.y, p.z)),
+                np.array((q.x, q.y, q.z, q.w)),
+                known=known,
+            )
+        except ValueError as error:
+            raise Refused(str(error)) from error
+        self._after(before)
+
+    def _on_controller_state(self, state: ControllerState) -> None:
+        standing = np.array(state.stance) & np.array(state.contact)
+        self.mapper.add_contacts(stamps.to_ns(state.stamp), standing)
+
+    def _on_clear(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self.mapper.clear()
+        response.success, response.message = True, "the map is empty"
+        return response
+
+    # The map ------------------------------------------------------------------------------------
+    def _after(self, begun: float) -> None:
+        """Publish the map if it is time, after images may have gone into it since `begun` [s]."""
+        stamp = self.mapper.image_time
+        if stamp < 0:
+            self._published_ns = -1
+            return
+        if stamp == self._published_ns:
+            return
+        self._image_ms = 1e3 * (time.perf_counter() - begun)
+        if 0 <= self._published_ns <= stamp < self._published_ns + self._period_ns:
+            return
+        self._published_ns = stamp
+        ground = self.mapper.map
+        surface = surface_of(ground.elevation, ground.parameters)
+        self._maps.publish(grid_map_message(ground, surface, stamp))
+        self._grids.publish(occupancy_message(ground, surface, stamp))
+
+    def _report(self) -> diagnostics.Report:
+        mapper = self.mapper
+        values: dict[str, object] = {
+            **{name: mapper.counts[name] for name in _COUNTED},
+            "image_ms": f"{self._image_ms:.1f}",
+        }
+        if mapper.last is not None:
+            values |= {
+                "known_cells": int(np.count_nonzero(~np.isnan(mapper.map.elevation))),
+                **mapper.last.pixels._asdict(),
+                "contradicted": mapper.last.contradicted,
+                "removed": mapper.last.removed,
+                "correction": f"{mapper.last.correction:.4f}",
+                "lift": f"{mapper.last.lift:.4f}",
+            }
+        return (*self._judge(), values)
+
+    def _judge(self) -> tuple[bytes, str]:
+        """Return level and message."""
+        mapper = self.mapper
+        if self._base_known is None:
+            return diagnostics.WARN, "waiting for odometry"
+        if not self._base_known:
+            return diagnostics.WARN, "the base's velocity is not known: the robot does not stand"
+        if mapper.image_time < 0:
+            return diagnostics.WARN, "waiting for depth images"
+        silent = mapper.pose_time - mapper.image_time
+        if silent > _SILENT_NS:
+            return diagnostics.WARN, f"no depth image for {silent / 1e9:.1f} s: the map is old"
+        if mapper.last is not None and not mapper.last.believed:
+            return diagnostics.WARN, "the image contradicts the map"
+        return diagnostics.OK, "mapping"
+
+    def quiet(self) -> None:
+        """Nothing to do: messages wake the node."""
+
+    def close(self) -> None:
+        """Nothing to do: the node moves nothing."""
+
+
+_COUNTED = (
+    "images",
+    "footholds",
+    "restarts",
+    "repeated",
+    "without_pose",
+    "without_joints",
+)
+"""Counters of `GroundMapper`, as they are reported."""
+
+
+class _JointHistory:
+    """Joint states of the last second as bytes: only those that are looked up are decoded."""
+
+    def __init__(self) -> None:
+        self._kept: deque[tuple[int, bytes]] = deque(maxlen=_JOINTS_KEPT)
+
+    def add(self, data: bytes) -> None:
+        """Keep a serialised `sensor_msgs/JointState`."""
+        if len(data) < _ENCAPSULATION + _STAMP.size or data[1] != 1:
+            raise Refused(f"{len(data)} bytes are no little-endian sensor_msgs/JointState")
+        seconds, nanoseconds = _STAMP.unpack_from(data, _ENCAPSULATION)
+        self._kept.append((seconds * 1_000_000_000 + nanoseconds, data))
+
+    def at(self, time_ns: int) -> Array | None:
+        """Return the joints (12,) [rad] nearest to a time [ns]; None where there are none."""
+        time_then, data = min(
+            self._kept, key=lambda kept: abs(kept[0] - time_ns), default=(-_JOINTS_NEAR_NS, b"")
+        )
+        if abs(time_then - time_ns) > _JOINTS_NEAR_NS:
+            return None
+        try:
+            joints = np.array(deserialize_message(data, JointState).position)
+        except RuntimeError:
+            return None
+        return joints if joints.shape == (12,) and np.isfinite(joints).all() else None
+
+
+def _depth_of(image: Image) -> DepthImage:
+    """Return the depth of an image [mm]; raises Refused for one that has none."""
+    if image.encoding != "16UC1":
+        raise Refused(f"encoding is {image.encoding[:40]!r}, it must be '16UC1'")
+    if image.header.frame_id != graph.FRAME_CAMERA_OPTICAL:
+        allowed = graph.FRAME_CAMERA_OPTICAL
+        raise Refused(f"frame_id is {image.header.frame_id[:40]!r}, it must be {allowed!r}")
+    if image.step != 2 * image.width or len(image.data) != image.step * image.height:
+        raise Refused(
+            f"{len(image.data)} bytes in rows of {image.step} are no image of "
+            f"{image.width} x {image.height} pixels of 2 bytes"
+        )
+    kind = ">u2" if image.is_bigendian else "<u2"
+    depth = np.frombuffer(image.data, kind).reshape(image.height, image.width)
+    return depth.astype(np.uint16, copy=False)
+
+
+def _warm_up(parameters: MapParameters) -> None:
+    """Compile the kernels, or load them, before the first image waits for them."""
+    blank, ground = np.zeros((120, 160), np.uint16), ElevationMap(parameters)
+    pinhole = PinholeCamera(100.0, 100.0, 79.5, 59.5)
+    ground.integrate(DepthView(blank, pinhole, np.eye(3), np.zeros(3), 0.0))
+    surface_of(ground.elevation, parameters)
+
+
+def main() -> int:
+    """Run the node; return the process's exit code."""
+    return run(ElevationMapper)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,80 @@
+"""The elevation map as `grid_map_msgs/GridMap` and as `nav_msgs/OccupancyGrid`."""
+
+from __future__ import annotations
+
+import array
+
+from grid_map_msgs.msg import GridMap
+from nav_msgs.msg import OccupancyGrid
+from std_msgs.msg import Float32MultiArray, MultiArrayDimension, MultiArrayLayout
+
+from husky_description.arrays import Array
+from husky_navigation.elevation_map import ElevationMap
+from husky_navigation.grid_layout import Floats, to_grid_map, to_occupancy_grid
+from husky_navigation.surface import Surface, occupancy_of
+from husky_runtime import graph
+from husky_runtime.nodes import stamps
+
+BASIC_LAYERS = ("elevation",)
+"""Layers that a cell must have to be valid."""
+
+
+def grid_map_message(ground: ElevationMap, surface: Surface, time_ns: int) -> GridMap:
+    """Return the map and the shape of its surface at a time [ns].
+
+    Its layers are elevation [m], variance [m^2], slope [rad], step [m], roughness [m] and
+    traversability [-], NaN where they are not known.
+    """
+    layers = {
+        "elevation": ground.elevation,
+        "variance": ground.variance,
+        "slope": surface.slope,
+        "step": surface.step,
+        "roughness": surface.roughness,
+        "traversability": surface.traversability,
+    }
+    message = GridMap(
+        layers=list(layers),
+        basic_layers=list(BASIC_LAYERS),
+        data=[_layer_message(layer) for layer in layers.values()],
+    )
+    _fill_header(message, time_ns)
+    info, lattice = message.info, ground.lattice
+    info.resolution = lattice.resolution
+    info.length_x = info.length_y = lattice.cells * lattice.resolution
+    info.pose.position.x, info.pose.position.y = lattice.center
+    return message
+
+
+def occupancy_message(ground: ElevationMap, surface: Surface, time_ns: int) -> OccupancyGrid:
+    """Return the costs of the map's cells for a planner at a time [ns]."""
+    message, lattice = OccupancyGrid(), ground.lattice
+    _fill_header(message, time_ns)
+    info = message.info
+    info.map_load_time = message.header.stamp
+    info.resolution = lattice.resolution
+    info.width = info.height = lattice.cells
+    info.origin.position.x = lattice.x * lattice.resolution
+    info.origin.position.y = lattice.y * lattice.resolution
+    costs = to_occupancy_grid(occupancy_of(surface, ground.parameters))
+    message.data = array.array("b", costs.tobytes())
+    return message
+
+
+def _fill_header(message: GridMap | OccupancyGrid, time_ns: int) -> None:
+    stamps.fill(message.header.stamp, time_ns)
+    message.header.frame_id = graph.FRAME_ODOM
+
+
+def _layer_message(layer: Array) -> Float32MultiArray:
+    laid_out = to_grid_map(layer)
+    dim = [
+        MultiArrayDimension(label=each.label, size=each.size, stride=each.stride)
+        for each in laid_out.dim
+    ]
+    return Float32MultiArray(layout=MultiArrayLayout(dim=dim), data=_floats(laid_out.data))
+
+
+def _floats(values: Floats) -> array.array[float]:
+    """Return numbers as the messages' own type, which is not looked through one by one."""
+    return array.array("f", values.tobytes())

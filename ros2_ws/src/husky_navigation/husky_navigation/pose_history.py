@@ -1,0 +1,98 @@
+"""Poses of the base over the last second, for images that come late."""
+
+from __future__ import annotations
+
+import bisect
+from collections import deque
+from typing import NamedTuple
+
+import numpy as np
+
+from husky_description.arrays import Array
+
+_KEPT = 100
+"""Poses: 2 s of odometry at 50 Hz."""
+_LONGEST_GAP_NS = 200_000_000
+"""Between two poses, beyond which nothing between them is known [ns]."""
+
+
+class BasePose(NamedTuple):
+    """Pose of the base in odom: rotation (3, 3) and position [m] (3,)."""
+
+    rotation: Array
+    position: Array
+
+
+class PoseHistory:
+    """The newest poses of the base in odom, by their stamps."""
+
+    def __init__(self) -> None:
+        """Start without poses."""
+        self._times: deque[int] = deque(maxlen=_KEPT)
+        self._poses: deque[tuple[Array, Array]] = deque(maxlen=_KEPT)
+
+    def clear(self) -> None:
+        """Forget all poses."""
+        self._times.clear()
+        self._poses.clear()
+
+    @property
+    def newest(self) -> int:
+        """Stamp of the newest pose [ns], -1 without one."""
+        return self._times[-1] if self._times else -1
+
+    @property
+    def position(self) -> Array | None:
+        """Newest position [m] (3,), None without one."""
+        return self._poses[-1][1] if self._poses else None
+
+    def add(self, time_ns: int, position: Array, orientation: Array) -> None:
+        """Add a pose.
+
+        Args:
+            time_ns: its stamp [ns], after that of the newest.
+            position: of the base in odom [m] (3,).
+            orientation: unit quaternion (x, y, z, w), base to odom.
+
+        Raises:
+            ValueError: the stamp is not after the newest.
+        """
+        if time_ns <= self.newest:
+            raise ValueError(f"stamp {time_ns} ns is not after {self.newest} ns")
+        self._times.append(time_ns)
+        self._poses.append((orientation, position))
+
+    def at(self, time_ns: int) -> BasePose | None:
+        """Return the pose at a time [ns] between two poses; None where it is not known.
+
+        The position is interpolated along a line; the attitude along the chord of its quaternions,
+        which over 20 ms differs from the arc by less than a microradian.
+        """
+        after = bisect.bisect_left(self._times, time_ns)
+        if after == len(self._times):
+            return None
+        if self._times[after] == time_ns:
+            orientation, position = self._poses[after]
+            return BasePose(rotation_matrix(orientation), position)
+        if after == 0 or self._times[after] - self._times[after - 1] > _LONGEST_GAP_NS:
+            return None
+        start, end = self._times[after - 1], self._times[after]
+        share = (time_ns - start) / (end - start)
+        (first, here), (second, there) = self._poses[after - 1], self._poses[after]
+        nearer = second if first @ second >= 0.0 else -second
+        mixed = (1.0 - share) * first + share * nearer
+        return BasePose(
+            rotation_matrix(mixed / np.sqrt(mixed @ mixed)), here + share * (there - here)
+        )
+
+
+def rotation_matrix(quaternion: Array) -> Array:
+    """Return the matrix (3, 3) of a unit quaternion (x, y, z, w)."""
+    x, y, z, w = quaternion
+    return np.array(
+        [
+            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
+            [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)],
+            [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)],
+        ]
+    )
