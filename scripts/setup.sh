@@ -289,7 +289,7 @@ compile_kernels() {
         say "compiling the control loop of $robot ..."
         printf '\n$ %s stands up\n' "$robot" >> "$log"
         ROS_DOMAIN_ID=100 "$venv/bin/python" -P -m husky_experiments.scenario stand --start --robot "$robot" --time lockstep \
-            --set plant.body=robot_with_unit >> "$log" 2>&1 \
+            --set plant.body=robot_with_unit --set plant.camera=true >> "$log" 2>&1 \
             || say "$robot did not stand up ($log): the first run compiles what is left"
     done
 }

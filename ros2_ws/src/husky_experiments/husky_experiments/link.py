@@ -43,6 +43,7 @@ _PATHS = (
     (graph.IMU, graph.VN200_DRIVER, graph.LOW_LEVEL_CONTROLLER),
     *((graph.DRIVES_STATUS, name, graph.LOW_LEVEL_CONTROLLER) for name in graph.JOINT_BRIDGES),
     (graph.ODOMETRY, graph.LOW_LEVEL_CONTROLLER, graph.PLANT),
+    (graph.DEPTH_IMAGE, graph.D435_DRIVER, graph.ELEVATION_MAPPER),
     (graph.FLIGHT_SENSORS, graph.PLANT, graph.FLIGHT_CONTROLLER),
     (graph.FAN_COMMAND, graph.FLIGHT_CONTROLLER, graph.PLANT),
     (graph.PROPULSION_COMMAND, graph.LOW_LEVEL_CONTROLLER, graph.PIXHAWK_BRIDGE),
@@ -146,6 +147,7 @@ class GraphLink:
                     and node.count_subscribers(name) >= 1 + recorders
                 ),
                 f"publisher and subscribers of {name}",
+                _START_PERIOD,
             )
         if graph.LOW_LEVEL_CONTROLLER not in names:
             return
