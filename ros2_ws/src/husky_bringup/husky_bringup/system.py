@@ -135,7 +135,7 @@ def simulated_robot(
     )
     specs = [NodeSpec("husky_sim", graph.PLANT, {"time": time}), *_NODES[numbers.actuation](choice)]
     if plant.get("camera", False):
-        specs += _eyes(choice)
+        specs += _camera_and_mapper(choice)
     if remote:
         specs.append(NodeSpec("husky_pu", graph.RC_TRANSMITTER, {"time": time}))
     if record is not None:
@@ -264,7 +264,7 @@ def _legs(choice: _Choice, bridge: NodeSpec) -> list[NodeSpec]:
     ]
 
 
-def _eyes(choice: _Choice) -> list[NodeSpec]:
+def _camera_and_mapper(choice: _Choice) -> list[NodeSpec]:
     """Return depth camera and mapper; raises ValueError for a body that carries no camera."""
     if choice.body == "unit":
         raise ValueError("camera is true, but body is 'unit': the robot carries the depth camera")

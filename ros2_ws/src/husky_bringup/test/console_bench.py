@@ -1,4 +1,4 @@
-"""What tests of the console's page share: viser's server as the console has it, maps to draw."""
+"""Helpers of the tests of the console's page: viser's server as it has it, maps to draw."""
 
 import array
 from collections.abc import Callable, Iterator

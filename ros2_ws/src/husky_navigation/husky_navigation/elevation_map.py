@@ -118,11 +118,13 @@ class ElevationMap:
             shift(self._cells, east, north)
             self.lattice = lattice
         place = np.array([x, y])
-        if self._place is not None:
-            distance = min(float(np.hypot(*(place - self._place))), self.parameters.length)
+        if self._place is None:
+            self._place = place
+        distance = min(float(np.hypot(*(place - self._place))), self.parameters.length)
+        if distance >= _SWAY:
             self._drift.walk(distance)
             self._growth += self.parameters.travel_variance * distance
-        self._place = place
+            self._place = place
 
     def integrate(self, view: DepthView, capsules: Array = _NO_CAPSULES) -> ImageReport:
         """Take in a depth image.
@@ -275,6 +277,8 @@ class ElevationMap:
         return bool(known.all()) and float(np.ptp(height)) < _LEVEL
 
 
+_SWAY = 0.05
+"""Distance within which a robot sways or odometry is noisy: it counts as no way [m]."""
 _LONGEST = 60.0
 """Time between images for which cells grow less sure, at most [s]."""
 _LEVEL = 0.03

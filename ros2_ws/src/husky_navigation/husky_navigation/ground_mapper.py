@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from husky_description.arrays import Array
 from husky_description.kinematics import Kinematics
 from husky_description.robot import Robot
-from husky_description.rotation import from_roll_pitch_yaw
+from husky_description.shapes import rotation_of
 from husky_navigation.depth_view import DepthImage, DepthView, PinholeCamera
 from husky_navigation.elevation_map import ElevationMap, ImageReport
 from husky_navigation.map_parameters import MapParameters
-from husky_navigation.pose_history import BasePose, PoseHistory, rotation_matrix
+from husky_navigation.pose_history import BasePose, PoseHistory
 from husky_navigation.self_filter import LegCapsules
 
 _OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
@@ -26,10 +26,13 @@ _FIRM = 3
 _RESTART_NS = 1_000_000_000
 """A stamp so far back is that of a world that has started again, and an image so far ahead of the
 poses is one of before that [ns]."""
-_JUMP = 0.5
-"""Distance between two poses, 20 ms apart, that no robot walks: odometry has started anew [m]."""
+_JUMP, _FASTEST = 0.5, 3.0
+"""Distance between two poses beyond which odometry has started anew [m], and what a robot may add
+to it in time [m/s]."""
 _WAITING = 5
-"""Images that wait for their pose at most."""
+"""Images that wait for their pose and joints at most."""
+_LATE_NS = 100_000_000
+"""Joints that are later than a pose by this do not come any more [ns]."""
 
 JointsAt = Callable[[int], Array | None]
 """Returns the joint positions (12,) [rad] at a time [ns], None where they are not known."""
@@ -53,9 +56,11 @@ class GroundMapper:
         map: of the ground, in odom.
         counts: `images` put into the map, `footholds` that were on it, `restarts`; images that were
             dropped: `repeated` (a stamp that was there before), `without_pose` (beyond the poses
-            that are there, or the base was not known then), `without_joints`.
+            that are there, or the base was not known then), `without_joints`; and
+            `lost_footholds`, which have no pose or joints.
         last: report of the newest image, None before it.
         image_time: stamp of the newest image in the map [ns], -1 before it.
+        pose_time: stamp of the newest pose, whether or not the base was known [ns], -1 before it.
     """
 
     def __init__(self, robot: Robot, joints_at: JointsAt, parameters: MapParameters | None = None):
@@ -69,26 +74,22 @@ class GroundMapper:
         self.map = ElevationMap(parameters)
         self.counts: Counter[str] = Counter()
         camera = robot.d435
-        turn = np.array(from_roll_pitch_yaw(*camera.rpy.tolist()))
-        self._camera_rotation = rotation_matrix(turn) @ _OPTICAL
+        self._camera_rotation = rotation_of(camera.rpy) @ _OPTICAL
         self._camera_position = np.array(camera.position)
         self._legs = LegCapsules(robot)
         self._kinematics = Kinematics(robot)
         self._foot_radius = robot.foot_radius
         self._joints_at = joints_at
         self._poses = PoseHistory()
+        self.pose_time = -1
+        self._position = np.zeros(3)
         self.clear()
-
-    @property
-    def pose_time(self) -> int:
-        """Stamp of the newest pose [ns], -1 without one."""
-        return self._poses.newest
 
     def clear(self) -> None:
         """Forget the map and what waits for its pose."""
         self.map.clear()
         self._images: deque[_Image] = deque()
-        self._contacts: deque[_Contacts] = deque(maxlen=_WAITING)
+        self._contacts: deque[_Contacts] = deque(maxlen=2 * _WAITING)
         self._firm = np.zeros(4, dtype=np.int64)
         self._seeded = False
         self.last: ImageReport | None = None
@@ -108,9 +109,7 @@ class GroundMapper:
         Raises:
             ValueError: the stamp is that of the last pose, or a little before it.
         """
-        before = self._poses.position
-        far = before is not None and float(np.abs(position - before).max()) > _JUMP
-        if far or time_ns < self._poses.newest - _RESTART_NS:
+        if self.pose_time >= 0 and self._has_started_anew(time_ns, position):
             self._poses.clear()
             self.clear()
             self.counts["restarts"] += 1
@@ -119,7 +118,15 @@ class GroundMapper:
         elif time_ns > self._poses.newest:
             # Times before the next pose have a gap, and no pose.
             self._poses.clear()
+        self.pose_time, self._position = time_ns, position
         self._advance()
+
+    def _has_started_anew(self, time_ns: int, position: Array) -> bool:
+        """Return whether a pose is of another odometry than the last, which may be unknown ones."""
+        elapsed = 1e-9 * (time_ns - self.pose_time)
+        walked = _JUMP + _FASTEST * max(0.0, elapsed)
+        far = float(np.linalg.norm(position - self._position)) > walked
+        return far or time_ns < self.pose_time - _RESTART_NS
 
     def add_contacts(self, time_ns: int, standing: NDArray[np.bool_]) -> None:
         """Take in which feet (4,) stand on the ground at a time [ns]; told 50 times a second."""
@@ -130,17 +137,17 @@ class GroundMapper:
         """Take in a depth image of a time [ns]; it waits until the pose of that time has come.
 
         Raises:
-            ValueError: the image is none, or its pinhole is none.
+            ValueError: image or pinhole is malformed; says how (`DepthView`).
         """
         newest = self._images[-1].time_ns if self._images else self.image_time
         if time_ns <= newest and time_ns > newest - _RESTART_NS:
             self.counts["repeated"] += 1
             return
-        if time_ns > self._poses.newest + _RESTART_NS:
+        if time_ns > self.pose_time + _RESTART_NS:
             self.counts["without_pose"] += 1
             return
         nowhere = np.eye(3), np.zeros(3)
-        DepthView(depth, camera, *nowhere, time_ns * 1e-9)  # refuses what is none
+        DepthView(depth, camera, *nowhere, time_ns * 1e-9)  # refuses malformed ones
         if len(self._images) == _WAITING:
             self._images.popleft()
             self.counts["without_pose"] += 1
@@ -150,13 +157,18 @@ class GroundMapper:
     # What waits ---------------------------------------------------------------------------------
     def _advance(self) -> None:
         """Put into the map what has its pose."""
-        newest = self._poses.newest
-        while self._contacts and self._contacts[0].time_ns <= newest:
-            self._stand(self._contacts.popleft())
-        while self._images and self._images[0].time_ns <= newest:
-            self._see(self._images.popleft())
+        while self._contacts and self._is_due(self._contacts[0].time_ns):
+            self._add_footholds(self._contacts.popleft())
+        while self._images and self._is_due(self._images[0].time_ns):
+            self._integrate(self._images.popleft())
 
-    def _see(self, image: _Image) -> None:
+    def _is_due(self, time_ns: int) -> bool:
+        """Return whether pose and joints of a time [ns] have come, or will not come any more."""
+        if time_ns > self._poses.newest:
+            return False
+        return self._joints_at(time_ns) is not None or self._poses.newest > time_ns + _LATE_NS
+
+    def _integrate(self, image: _Image) -> None:
         """Put an image into the map."""
         base = self._poses.at(image.time_ns)
         if base is None:
@@ -178,7 +190,7 @@ class GroundMapper:
         self.image_time = image.time_ns
         self.counts["images"] += 1
 
-    def _stand(self, contacts: _Contacts) -> None:
+    def _add_footholds(self, contacts: _Contacts) -> None:
         """Put the footholds of feet that have just come to rest into the map."""
         self._firm = np.where(contacts.standing, self._firm + 1, 0)
         fresh = np.flatnonzero(self._firm == _FIRM)
@@ -187,6 +199,7 @@ class GroundMapper:
             return
         base, joints = self._poses.at(contacts.time_ns), self._joints_at(contacts.time_ns)
         if base is None or joints is None:
+            self.counts["lost_footholds"] += len(fresh)
             return
         feet = self._footholds(base, joints)
         if seed:

@@ -1,4 +1,4 @@
-"""Poses of the base over the last second, for images that come late."""
+"""Poses of the base over the last 2 s, for images that come late."""
 
 from __future__ import annotations
 
@@ -40,11 +40,6 @@ class PoseHistory:
     def newest(self) -> int:
         """Stamp of the newest pose [ns], -1 without one."""
         return self._times[-1] if self._times else -1
-
-    @property
-    def position(self) -> Array | None:
-        """Newest position [m] (3,), None without one."""
-        return self._poses[-1][1] if self._poses else None
 
     def add(self, time_ns: int, position: Array, orientation: Array) -> None:
         """Add a pose.

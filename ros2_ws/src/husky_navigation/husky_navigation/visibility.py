@@ -30,8 +30,9 @@ class VisibilityRules(NamedTuple):
 def _shares(inverse: Array, row: int, column: int, near: float, far: float) -> tuple[float, float]:
     """Return the shares of the 9 pixels around one that see nearer and farther than two depths.
 
-    They are shares of those that have a depth, and 0 where fewer than 5 have one. Rays are
-    uncertain by 1.3 pixels, which these 9 make up for.
+    They are shares of those that have a depth, and 0 where fewer than 5 have one. Where fewer than
+    3 have one the camera is covered, and the cell counts as hidden. Rays are uncertain by 1.3
+    pixels, which these 9 make up for.
     """
     known = before = beyond = 0
     for r in range(row - 1, row + 2):
@@ -40,7 +41,7 @@ def _shares(inverse: Array, row: int, column: int, near: float, far: float) -> t
             before += inverse[r, c] * near > 1.0
             beyond += 0.0 < inverse[r, c] * far < 1.0
     if known < 5:
-        return 0.0, 0.0
+        return (1.0 if known < 3 else 0.0), 0.0
     return before / known, beyond / known
 
 

@@ -132,12 +132,16 @@ def test_a_foot_that_has_just_touched_is_no_foothold():
     [(0, (0.0, 0.0, HEIGHT)), (5020, (3.0, 0.0, HEIGHT))],
     ids=["reset", "jump"],
 )
-def test_odometry_that_starts_anew_starts_the_map_anew(time, position):
+@pytest.mark.parametrize("falls", [False, True])
+def test_odometry_that_starts_anew_starts_the_map_anew(time, position, falls):
     ground = mapper()
     stand(ground, 4900, 5000)
     for k in range(4):
         ground.add_image((4910 + k) * MS, level_ground((0.0, 0.0, HEIGHT)), PINHOLE)
     assert seen(ground) > 1000
+    if falls:
+        stand(ground, 5020, 5020, known=False)
+        time += 20 if time else 0
     stand(ground, time, time, position)
     assert seen(ground) == 0 and ground.counts["restarts"] == 1
     stand(ground, time + 20, time + 20, position)
@@ -147,9 +151,35 @@ def test_odometry_that_starts_anew_starts_the_map_anew(time, position):
 
 def test_images_without_joints_are_dropped():
     ground = mapper(joints=None)
-    stand(ground, 0, 100)
+    stand(ground, 0, 200)
     ground.add_image(50 * MS, level_ground((0.0, 0.0, HEIGHT)), PINHOLE)
     assert ground.counts["without_joints"] == 1 and seen(ground) == 0
+
+
+def test_footholds_and_images_wait_for_joints_that_come_late():
+    told = []
+    ground = GroundMapper(ROBOT, lambda time: JOINTS if told and time <= told[-1] else None)
+    for time in range(0, 201, 20):
+        ground.add_pose(time * MS, np.array((0.0, 0.0, HEIGHT)), LEVEL, known=True)
+        ground.add_contacts(time * MS, np.ones(4, dtype=bool))
+        if time == 60:
+            ground.add_image(50 * MS, level_ground((0.0, 0.0, HEIGHT)), PINHOLE)
+            assert ground.counts["images"] == 0
+        told.append(time * MS)
+    assert ground.counts["images"] == 1 and ground.counts["footholds"] == 4
+
+
+def test_half_an_image_leaves_the_other_half_of_the_map_as_it_was():
+    ground = mapper()
+    stand(ground, 0, 2000)
+    image = level_ground((0.0, 0.0, HEIGHT))
+    for time in range(100, 700, 100):
+        ground.add_image(time * MS, image, PINHOLE)
+    before, covered = seen(ground), image.copy()
+    covered[:, :80] = 0
+    for time in range(700, 2000, 50):
+        ground.add_image(time * MS, covered, PINHOLE)
+    assert seen(ground) >= 0.98 * before > 1000
 
 
 def test_poses_between_two_are_interpolated():

@@ -38,8 +38,8 @@ class TerrainOptions:
 
     Attributes:
         kind: one of `KINDS`.
-        slope: inclination of the slope about the base's y axis, uphill along +x [rad]; a ramp's
-            is not negative.
+        slope: inclination of the slope about the base's y axis, uphill along +x [rad]; those of
+            a ramp and of banks are not negative.
         height: greatest height of tiles and scenes, or height of one step, or of the step behind a
             gap [m].
         size: edge of a tile or a facet, or depth of one step, or width of a gap along +x [m].
@@ -48,8 +48,8 @@ class TerrainOptions:
         approach: flat ground before a ramp or a gap, or where the lane ends [m].
         blend: radius of the arcs at its foot and its crest [m].
         top: flat ground at its top, or behind a gap [m].
-        lane: width of the flat ground along +x that rough ground, boxes, mixed scenes and steps
-            leave free, 0 for none [m].
+        lane: width of the flat ground along +x that rough ground, boxes, mixed scenes, banks and
+            steps leave free, 0 for none [m].
     """
 
     kind: str = "flat"

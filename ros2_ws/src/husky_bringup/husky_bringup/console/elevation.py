@@ -82,7 +82,7 @@ class ElevationDrawing:
         """Take a map in the place of the one before.
 
         Raises:
-            ValueError: it has no elevation, or a layer that is none.
+            ValueError: it has no elevation, or a layer is malformed.
         """
         self._cells, self._changed = read_cells(message), True
 
@@ -146,7 +146,7 @@ def read_cells(message: GridMap) -> ElevationCells:
     The orientation of a map is that of its frame, as grid_map has it.
 
     Raises:
-        ValueError: there is no frame, no resolution, no layer "elevation", or a layer is none.
+        ValueError: there is no frame, no resolution, no layer "elevation", or a layer is malformed.
     """
     resolution = message.info.resolution
     if not message.header.frame_id:

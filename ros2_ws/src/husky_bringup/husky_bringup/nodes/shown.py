@@ -13,7 +13,7 @@ from visualization_msgs.msg import MarkerArray
 from husky_bringup.nodes.incoming import check_length, checked, deserialize
 from husky_runtime import graph
 
-_MOST = 4_000_000
+_MOST = 32_000_000
 """Bytes of one message."""
 _STORE = get_typestore(Stores.ROS2_JAZZY)
 _LISTS = {

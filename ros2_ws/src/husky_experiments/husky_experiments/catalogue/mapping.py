@@ -67,10 +67,13 @@ def run(run: Run) -> None:
         falls = finish(session)
     recording, robot = run.recording(), run.robot()
     run.metrics |= walking.summary(recording, robot, start, end)
-    maps = mapping.judge(recording, robot, run.output / SCENE_FILE, end)
-    run.metrics |= mapping.summary(maps)
     run.require("falls", falls, upper=0)
     run.require("distance_m", lower=0.95 * _DISTANCE)
+    maps = mapping.judge(recording, robot, run.output / SCENE_FILE, end)
+    if not maps:
+        run.fail("there is no map after the first metre of the walk")
+        return
+    run.metrics |= mapping.summary(maps)
     run.require("rmse_m", upper=0.02 if scene in _SMOOTH else 0.03)
     run.require("bias_m", lower=-0.015, upper=0.015)
     run.require("coverage", lower=0.75)

@@ -44,6 +44,8 @@ EDGE_TOLERANCE = 0.08
 """Distance within which the edge of a gap or a pit is to be found [m]."""
 _DROP = 0.5
 """Difference of heights from which on an edge is that of a pit [m]."""
+_LEAST_GAP = 0.25
+"""Width from which on a hole in the ground is a gap [m]."""
 _LEVEL = 0.05
 """Distance from the height of a gap's edges within which a cell is ground beside it [m]."""
 
@@ -65,7 +67,9 @@ class RecordedMap(NamedTuple):
 
 
 def recorded_maps(recording: Recording) -> list[RecordedMap]:
-    """Return the maps of a recording; raises MissingTopicError for none."""
+    """Return the maps of a recording."""
+    if not recording.has(graph.ELEVATION_MAP):
+        return []
     _, columns = recording.columns(graph.ELEVATION_MAP)
     names = [key for key in columns if key.startswith("layers[")]
     layers = [str(columns[key][0]) for key in names]
@@ -241,6 +245,8 @@ def judge(
     """
     ground, base, estimate = TrueGround(scene), recording.base, recording.estimate
     maps = recorded_maps(recording)
+    if not maps:
+        return []
     seen = SeenGround(ground, base, robot, maps[0].lattice.resolution)
     times = np.array([each.time for each in maps])
     true, true_turn = _poses_at(base, times)
@@ -301,16 +307,19 @@ def _is_near_drop(truth: Array, cells: int) -> NDArray[np.bool_]:
 
 
 def summary(maps: list[JudgedMap]) -> dict[str, float]:
-    """Return RMSE, bias, 95th percentile [m] and coverage of all maps, and how many there are."""
+    """Return RMSE, bias, 95th percentile [m] and coverage of all maps, and how many there are.
+
+    What is not known, because no cell was seen, is NaN.
+    """
     error = np.concatenate([each.error for each in maps])
     in_view = sum(int(np.count_nonzero(each.in_view)) for each in maps)
     covered = sum(int(np.count_nonzero(each.in_view & np.isfinite(each.height))) for each in maps)
     return {
         "maps": len(maps),
-        "rmse_m": float(np.sqrt(np.mean(error**2))),
-        "bias_m": float(np.mean(error)),
-        "error_p95_m": float(np.quantile(np.abs(error), 0.95)),
-        "coverage": covered / in_view,
+        "rmse_m": float(np.sqrt(np.mean(error**2))) if error.size else math.nan,
+        "bias_m": float(np.mean(error)) if error.size else math.nan,
+        "error_p95_m": float(np.quantile(np.abs(error), 0.95)) if error.size else math.nan,
+        "coverage": covered / in_view if in_view else math.nan,
     }
 
 
@@ -335,6 +344,8 @@ def gap_edges(last: JudgedMap, half_width: float = 0.4) -> tuple[float, float]:
             continue
         jumps = np.diff(places)
         widest = int(np.argmax(jumps))
+        if jumps[widest] < _LEAST_GAP:
+            continue
         near_edges.append(places[widest] + 0.5 * resolution)
         far_edges.append(places[widest + 1] - 0.5 * resolution)
     if not near_edges:

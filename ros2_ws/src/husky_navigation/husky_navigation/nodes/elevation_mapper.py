@@ -45,7 +45,8 @@ _TUNABLE = {
 }
 """Fields of `MapParameters` that are parameters of the node."""
 _HISTORY = QoSProfile(depth=128, reliability=ReliabilityPolicy.BEST_EFFORT)
-"""Joint states are looked at when odometry comes, 10 later; the depth covers a burst."""
+"""Ten joint states come for each odometry message, and are taken with it; the depth covers a
+burst."""
 _JOINTS_KEPT = 500
 """Joint states: 1 s."""
 _JOINTS_NEAR_NS = 5_000_000
@@ -75,6 +76,8 @@ class ElevationMapper(OneClock, Node):
         self.mapper = GroundMapper(robot, self._joints.at, parameters)
         self.hot: Sequence[Subscription] = []
         self._camera: PinholeCamera | None = None
+        self._size = (0, 0)
+        self._received_ns = -1
         self._base_known: bool | None = None
         self._published_ns = -1
         self._image_ms = 0.0
@@ -97,7 +100,10 @@ class ElevationMapper(OneClock, Node):
         return MapParameters(**values)
 
     def _listen(self) -> None:
-        """Subscribe to images, joints, odometry and contacts."""
+        """Subscribe; joints first, which are taken before what is looked up in them."""
+        self._joint_states = self.create_subscription(
+            JointState, graph.JOINT_STATES, self._joints.add, _HISTORY, raw=True
+        )
         self.create_subscription(
             CameraInfo, graph.DEPTH_CAMERA_INFO, self._on_camera_info, qos.STATUS
         )
@@ -105,9 +111,6 @@ class ElevationMapper(OneClock, Node):
         self.create_subscription(Odometry, graph.ODOMETRY, self._on_odometry, qos.STATUS)
         self.create_subscription(
             ControllerState, graph.CONTROLLER_STATE, self._on_controller_state, qos.STATUS
-        )
-        self._joint_states = self.create_subscription(
-            JointState, graph.JOINT_STATES, self._joints.add, _HISTORY, raw=True
         )
 
     @property
@@ -119,14 +122,19 @@ class ElevationMapper(OneClock, Node):
     def _on_camera_info(self, info: CameraInfo) -> None:
         k = info.k
         self._camera = PinholeCamera(fx=k[0], fy=k[4], cx=k[2], cy=k[5])
+        self._size = info.width, info.height
 
     def _on_image(self, image: Image) -> None:
         if self._camera is None:
             raise Refused(f"no camera_info on {graph.absolute(graph.DEPTH_CAMERA_INFO)} yet")
+        if (image.width, image.height) != self._size:
+            size, told = f"{image.width} x {image.height}", "{} x {}".format(*self._size)
+            raise Refused(f"image is {size} pixels, camera_info is of {told}")
         before = time.perf_counter()
         try:
             stamp = stamps.to_ns(image.header.stamp)
             self.mapper.add_image(stamp, _depth_of(image), self._camera)
+            self._received_ns = stamp
         except ValueError as error:
             raise Refused(str(error)) from error
         self._after(before)
@@ -153,6 +161,7 @@ class ElevationMapper(OneClock, Node):
 
     def _on_clear(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self.mapper.clear()
+        self._after(time.perf_counter())
         response.success, response.message = True, "the map is empty"
         return response
 
@@ -161,6 +170,8 @@ class ElevationMapper(OneClock, Node):
         """Publish the map if it is time, after images may have gone into it since `begun` [s]."""
         stamp = self.mapper.image_time
         if stamp < 0:
+            if self._published_ns >= 0:
+                self._publish(max(0, self.mapper.pose_time))  # an empty map
             self._published_ns = -1
             return
         if stamp == self._published_ns:
@@ -169,6 +180,10 @@ class ElevationMapper(OneClock, Node):
         if 0 <= self._published_ns <= stamp < self._published_ns + self._period_ns:
             return
         self._published_ns = stamp
+        self._publish(stamp)
+
+    def _publish(self, stamp: int) -> None:
+        """Publish the map with a stamp [ns]."""
         ground = self.mapper.map
         surface = surface_of(ground.elevation, ground.parameters)
         self._maps.publish(grid_map_message(ground, surface, stamp))
@@ -198,11 +213,17 @@ class ElevationMapper(OneClock, Node):
             return diagnostics.WARN, "waiting for odometry"
         if not self._base_known:
             return diagnostics.WARN, "the base's velocity is not known: the robot does not stand"
-        if mapper.image_time < 0:
+        if self._camera is None:
+            return diagnostics.WARN, "waiting for camera_info"
+        if self._received_ns < 0:
             return diagnostics.WARN, "waiting for depth images"
-        silent = mapper.pose_time - mapper.image_time
+        silent = mapper.pose_time - self._received_ns
         if silent > _SILENT_NS:
             return diagnostics.WARN, f"no depth image for {silent / 1e9:.1f} s: the map is old"
+        if silent < -_SILENT_NS:
+            return diagnostics.WARN, f"no odometry for {-silent / 1e9:.1f} s: the map is old"
+        if self._received_ns - mapper.image_time > _SILENT_NS:
+            return diagnostics.WARN, "images have no pose or joints: the map is old"
         if mapper.last is not None and not mapper.last.believed:
             return diagnostics.WARN, "the image contradicts the map"
         return diagnostics.OK, "mapping"
@@ -221,6 +242,7 @@ _COUNTED = (
     "repeated",
     "without_pose",
     "without_joints",
+    "lost_footholds",
 )
 """Counters of `GroundMapper`, as they are reported."""
 
@@ -236,7 +258,10 @@ class _JointHistory:
         if len(data) < _ENCAPSULATION + _STAMP.size or data[1] != 1:
             raise Refused(f"{len(data)} bytes are no little-endian sensor_msgs/JointState")
         seconds, nanoseconds = _STAMP.unpack_from(data, _ENCAPSULATION)
-        self._kept.append((seconds * 1_000_000_000 + nanoseconds, data))
+        stamp = seconds * 1_000_000_000 + nanoseconds
+        if self._kept and stamp < self._kept[-1][0]:
+            self._kept.clear()  # the world has started again
+        self._kept.append((stamp, data))
 
     def at(self, time_ns: int) -> Array | None:
         """Return the joints (12,) [rad] nearest to a time [ns]; None where there are none."""

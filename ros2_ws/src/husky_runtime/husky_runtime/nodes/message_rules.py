@@ -38,7 +38,7 @@ _LONG = {
     "nav_msgs/OccupancyGrid": 2_000_000,
     "sensor_msgs/Image": 4_000_000,
 }
-"""The same of images and maps [B]: 1280 x 720 pixels of 4 bytes, 1000 x 1000 cells of 8 layers."""
+"""The same of images and maps [B]: 1280 x 720 pixels of 4 bytes, 1000 x 1000 cells of 7 layers."""
 _HUGE = 1e9
 """No number of the graph is beyond this, whatever its unit."""
 MOST_PARAMETERS = 512
