@@ -82,7 +82,7 @@ class DepthView:
         """Check the view.
 
         Raises:
-            ValueError: a shape or type is wrong, a number is not finite, or the rotation is not one.
+            ValueError: a shape or type is wrong, a number not finite, or the matrix no rotation.
         """
         if self.depth.ndim != 2 or self.depth.dtype != np.uint16:
             raise ValueError(

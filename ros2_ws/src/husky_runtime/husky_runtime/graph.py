@@ -204,8 +204,8 @@ TOPICS = (
     Topic(DEPTH_IMAGE, "sensor_msgs/msg/Image", (D435_DRIVER,), "STATUS", 10.0),
     Topic(DEPTH_CAMERA_INFO, "sensor_msgs/msg/CameraInfo", (D435_DRIVER,), "STATUS", 10.0),
     Topic(DEPTH_POINTS, "sensor_msgs/msg/PointCloud2", (D435_DRIVER,), "STATUS", 0.0),
-    Topic(ELEVATION_MAP, "grid_map_msgs/msg/GridMap", (ELEVATION_MAPPER,), "LATCHED", 1.0),
-    Topic(OCCUPANCY, "nav_msgs/msg/OccupancyGrid", (ELEVATION_MAPPER,), "LATCHED", 1.0),
+    Topic(ELEVATION_MAP, "grid_map_msgs/msg/GridMap", (ELEVATION_MAPPER,), "LATCHED", 0.0),
+    Topic(OCCUPANCY, "nav_msgs/msg/OccupancyGrid", (ELEVATION_MAPPER,), "LATCHED", 0.0),
     Topic(INCLINE_PLAN, "husky_msgs/msg/InclinePlan", (PLANNER,), "LATCHED", 0.0),
     Topic(ROBOT_DESCRIPTION, "std_msgs/msg/String", JOINT_BRIDGES, "LATCHED", 0.0),
     Topic(

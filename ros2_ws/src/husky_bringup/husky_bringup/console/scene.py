@@ -95,7 +95,7 @@ class Scene:
         self._grid.visible = not message.markers
 
     def take_map(self, message: GridMap) -> None:
-        """Take the map of the ground that the robot has made; raises ValueError for a malformed one."""
+        """Take the map that the robot has made; raises ValueError for a malformed one."""
         self._map.take(message)
 
     def restart(self) -> None:
