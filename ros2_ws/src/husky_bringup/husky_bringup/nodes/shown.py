@@ -13,8 +13,8 @@ from visualization_msgs.msg import MarkerArray
 from husky_bringup.nodes.incoming import check_length, checked, deserialize
 from husky_runtime import graph
 
-_MOST = 32_000_000
-"""Bytes of one message."""
+_MOST, _MOST_OF_MAP = 4_000_000, 32_000_000
+"""Bytes of one message, and of an elevation map."""
 _STORE = get_typestore(Stores.ROS2_JAZZY)
 _LISTS = {
     TFMessage: "tf2_msgs/msg/TFMessage",
@@ -34,7 +34,7 @@ def decode_shown(topic: str, data: bytes, kind: Any) -> Any:
     Raises:
         ValueError: as `decode`.
     """
-    check_length(data, _MOST)
+    check_length(data, _MOST_OF_MAP if kind is GridMap else _MOST)
     if topic == graph.ROBOT_DESCRIPTION:
         return deserialize(data, kind)
     if kind in _LISTS:
