@@ -60,13 +60,11 @@ class HeightDrift:
 
     Attributes:
         variance: of the drift [m^2].
-        total: of all corrections [m].
     """
 
     def __init__(self, growth: float) -> None:
         """Start without drift; its variance grows by `growth` [m^2/m]."""
         self.variance = 0.0
-        self.total = 0.0
         self._growth = growth
 
     def walk(self, distance: float) -> None:
@@ -82,5 +80,4 @@ class HeightDrift:
         """
         gain = self.variance / (self.variance + variance)
         self.variance *= 1.0 - gain
-        self.total += gain * difference
         return gain * difference

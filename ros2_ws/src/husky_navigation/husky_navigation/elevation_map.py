@@ -174,7 +174,7 @@ class ElevationMap:
             deviation: of its height [m], None for that of the parameters.
 
         Returns:
-            Whether the foothold is on the map.
+            True if the foothold is on the map.
 
         Raises:
             ValueError: a number is not finite, or the deviation is not positive.

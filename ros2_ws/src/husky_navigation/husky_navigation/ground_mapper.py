@@ -49,6 +49,13 @@ class _Contacts(NamedTuple):
     standing: NDArray[np.bool_]
 
 
+class _Posture(NamedTuple):
+    """Base and joints (12,) [rad] at one time; None where they are not known."""
+
+    base: BasePose | None
+    joints: Array | None
+
+
 class GroundMapper:
     """Puts images and footholds into an elevation map, each with the pose of its own time.
 
@@ -157,24 +164,26 @@ class GroundMapper:
     # What waits ---------------------------------------------------------------------------------
     def _advance(self) -> None:
         """Put into the map what has its pose."""
-        while self._contacts and self._is_due(self._contacts[0].time_ns):
-            self._add_footholds(self._contacts.popleft())
-        while self._images and self._is_due(self._images[0].time_ns):
-            self._integrate(self._images.popleft())
+        while self._contacts and (posture := self._posture_at(self._contacts[0].time_ns)):
+            self._add_footholds(self._contacts.popleft(), posture)
+        while self._images and (posture := self._posture_at(self._images[0].time_ns)):
+            self._integrate(self._images.popleft(), posture)
 
-    def _is_due(self, time_ns: int) -> bool:
-        """Return whether pose and joints of a time [ns] have come, or will not come any more."""
+    def _posture_at(self, time_ns: int) -> _Posture | None:
+        """Return pose and joints at a time [ns], None as long as they may still come."""
         if time_ns > self._poses.newest:
-            return False
-        return self._joints_at(time_ns) is not None or self._poses.newest > time_ns + _LATE_NS
+            return None
+        joints = self._joints_at(time_ns)
+        if joints is None and self._poses.newest <= time_ns + _LATE_NS:
+            return None
+        return _Posture(self._poses.at(time_ns), joints)
 
-    def _integrate(self, image: _Image) -> None:
+    def _integrate(self, image: _Image, posture: _Posture) -> None:
         """Put an image into the map."""
-        base = self._poses.at(image.time_ns)
+        base, joints = posture
         if base is None:
             self.counts["without_pose"] += 1
             return
-        joints = self._joints_at(image.time_ns)
         if joints is None:
             self.counts["without_joints"] += 1
             return
@@ -190,14 +199,14 @@ class GroundMapper:
         self.image_time = image.time_ns
         self.counts["images"] += 1
 
-    def _add_footholds(self, contacts: _Contacts) -> None:
+    def _add_footholds(self, contacts: _Contacts, posture: _Posture) -> None:
         """Put the footholds of feet that have just come to rest into the map."""
         self._firm = np.where(contacts.standing, self._firm + 1, 0)
         fresh = np.flatnonzero(self._firm == _FIRM)
         seed = not self._seeded and bool((self._firm >= _FIRM).all())
         if not (seed or len(fresh)):
             return
-        base, joints = self._poses.at(contacts.time_ns), self._joints_at(contacts.time_ns)
+        base, joints = posture
         if base is None or joints is None:
             self.counts["lost_footholds"] += len(fresh)
             return

@@ -309,7 +309,7 @@ def _is_near_drop(truth: Array, cells: int) -> NDArray[np.bool_]:
 def summary(maps: list[JudgedMap]) -> dict[str, float]:
     """Return RMSE, bias, 95th percentile [m] and coverage of all maps, and how many there are.
 
-    What is not known, because no cell was seen, is NaN.
+    Figures are NaN where no cell was seen.
     """
     error = np.concatenate([each.error for each in maps])
     in_view = sum(int(np.count_nonzero(each.in_view)) for each in maps)
