@@ -37,6 +37,7 @@ NODES = {
     graph.T265_DRIVER: ("husky_drivers", "T265Driver", {}),
     graph.D435_DRIVER: ("husky_drivers", "D435Driver", {}),
     graph.ELEVATION_MAPPER: ("husky_navigation", "ElevationMapper", {}),
+    graph.LOCALIZER: ("husky_navigation", "Localizer", {}),
     graph.LOW_LEVEL_CONTROLLER: (
         "husky_control",
         "LowLevelController",

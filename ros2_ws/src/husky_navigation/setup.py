@@ -1,4 +1,4 @@
-"""Package husky_navigation: Map of the ground around the robot, from depth images and footholds."""
+"""Package husky_navigation: Map of the ground around the robot, and where the robot is in it."""
 
 from setuptools import find_packages, setup
 
@@ -17,6 +17,7 @@ setup(
     entry_points={
         "console_scripts": [
             "elevation_mapper = husky_navigation.nodes.elevation_mapper:main",
+            "localizer = husky_navigation.nodes.localizer:main",
         ],
     },
 )

@@ -96,8 +96,8 @@ def simulated_robot(
 
     The plant's parameter `robot` selects the robot, one of `ROBOTS` or the path of a file; `body`
     what of it stands there, `bus` the bus of its drives, `mounting` how its fans are mounted,
-    `camera` whether its depth camera is on, and the ground is mapped. The planner takes part when
-    the controller's parameter `planner` says so.
+    `camera` whether its depth camera is on: then the ground is mapped and the robot localised. The
+    planner takes part when the controller's parameter `planner` says so.
 
     Args:
         time: one of `TIMES`.
@@ -135,7 +135,7 @@ def simulated_robot(
     )
     specs = [NodeSpec("husky_sim", graph.PLANT, {"time": time}), *_NODES[numbers.actuation](choice)]
     if plant.get("camera", False):
-        specs += _camera_and_mapper(choice)
+        specs += _navigation(choice)
     if remote:
         specs.append(NodeSpec("husky_pu", graph.RC_TRANSMITTER, {"time": time}))
     if record is not None:
@@ -264,13 +264,14 @@ def _legs(choice: _Choice, bridge: NodeSpec) -> list[NodeSpec]:
     ]
 
 
-def _camera_and_mapper(choice: _Choice) -> list[NodeSpec]:
-    """Return depth camera and mapper; raises ValueError for a body that carries no camera."""
+def _navigation(choice: _Choice) -> list[NodeSpec]:
+    """Return depth camera, mapper and localizer; raises ValueError for a body without a camera."""
     if choice.body == "unit":
         raise ValueError("camera is true, but body is 'unit': the robot carries the depth camera")
     return [
         NodeSpec("husky_drivers", graph.D435_DRIVER, {"clock": "device", **choice.told}),
         NodeSpec("husky_navigation", graph.ELEVATION_MAPPER, dict(choice.told)),
+        NodeSpec("husky_navigation", graph.LOCALIZER, dict(choice.told)),
     ]
 
 

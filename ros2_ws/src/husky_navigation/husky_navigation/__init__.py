@@ -1,1 +1,1 @@
-"""Map of the ground around the robot, from depth images and footholds."""
+"""Map of the ground around the robot, and where the robot is in it."""

@@ -47,6 +47,8 @@ DEPTH_POINTS = "camera/camera/depth/color/points"
 """Of the depth camera, as realsense-ros names them."""
 ELEVATION_MAP = "elevation_map"
 OCCUPANCY = "elevation_map/occupancy"
+MAP_POSE = "map_pose"
+"""Pose of the base in the frame `map`."""
 INCLINE_PLAN = "planner/plan"
 ROBOT_DESCRIPTION = "robot_description"
 TF = "tf"
@@ -93,6 +95,7 @@ RC_TRANSMITTER = "rc_transmitter"
 T265_DRIVER = "t265_driver"
 D435_DRIVER = "d435_driver"
 ELEVATION_MAPPER = "elevation_mapper"
+LOCALIZER = "localizer"
 RECORDER = "recorder"
 TELEOP = "teleop"
 FOXGLOVE_GATEWAY = "foxglove_gateway"
@@ -112,6 +115,7 @@ NODES = (
     T265_DRIVER,
     D435_DRIVER,
     ELEVATION_MAPPER,
+    LOCALIZER,
 )
 """Those that are the robot: one of each in a domain."""
 
@@ -130,6 +134,7 @@ BODIES = ("robot", "robot_with_unit", "unit")
 
 # Frames (REP-105, REP-120); the others are the links of the URDF
 FRAME_WORLD = "world"
+FRAME_MAP = "map"
 FRAME_ODOM = "odom"
 FRAME_BASE = "base_link"
 FRAME_FOOTPRINT = "base_footprint"
@@ -206,12 +211,13 @@ TOPICS = (
     Topic(DEPTH_POINTS, "sensor_msgs/msg/PointCloud2", (D435_DRIVER,), "STATUS", 0.0),
     Topic(ELEVATION_MAP, "grid_map_msgs/msg/GridMap", (ELEVATION_MAPPER,), "LATCHED", 0.0),
     Topic(OCCUPANCY, "nav_msgs/msg/OccupancyGrid", (ELEVATION_MAPPER,), "LATCHED", 0.0),
+    Topic(MAP_POSE, "geometry_msgs/msg/PoseWithCovarianceStamped", (LOCALIZER,), "STATUS", 50.0),
     Topic(INCLINE_PLAN, "husky_msgs/msg/InclinePlan", (PLANNER,), "LATCHED", 0.0),
     Topic(ROBOT_DESCRIPTION, "std_msgs/msg/String", JOINT_BRIDGES, "LATCHED", 0.0),
     Topic(
         TF,
         "tf2_msgs/msg/TFMessage",
-        (PLANT, *JOINT_BRIDGES, LOW_LEVEL_CONTROLLER, T265_DRIVER),
+        (PLANT, *JOINT_BRIDGES, LOW_LEVEL_CONTROLLER, T265_DRIVER, LOCALIZER),
         "TF",
         0.0,
     ),
