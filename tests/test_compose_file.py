@@ -16,7 +16,8 @@ from husky_runtime import graph
 ROOT = Path(__file__).resolve().parents[1]
 DOCKER = ROOT / "docker"
 PARAMETERS = ["--ros-args", "--params-file", "/run/husky/parameters.yaml"]
-PROFILES = ("sim", "tools", "test", "remote", "wire")
+PROFILES = ("sim", "tools", "test", "remote", "navigation", "wire")
+NAVIGATION = (graph.D435_DRIVER, graph.ELEVATION_MAPPER, graph.LOCALIZER)
 WIRE = ("wire_bridge", "wire_segment", "wire_robot", "wire_operator")
 CAPABILITIES = {"wire_bridge": ["NET_RAW", "NET_ADMIN"], "wire_segment": ["NET_RAW"]}
 """Of the services that have any."""
@@ -48,8 +49,8 @@ def services(composition):
     return composition["services"]
 
 
-def nodes(bus="sim", **options):
-    settings = {graph.PLANT: {"body": "robot_with_unit", "bus": bus}}
+def nodes(bus="sim", camera=False, **options):
+    settings = {graph.PLANT: {"body": "robot_with_unit", "bus": bus, "camera": camera}}
     return {spec.name: spec for spec in simulated_robot(settings=settings, **options)}
 
 
@@ -92,7 +93,7 @@ def ros2_run(spec):
 
 def test_one_service_for_each_node_of_the_system(services):
     """Parameters are in the file that every node reads; here is only which node it is."""
-    specs = nodes(remote=True)
+    specs = nodes(remote=True, camera=True)
     found = {name: service for name, service in services.items() if name in specs}
     assert set(found) == set(specs)
     for name, spec in specs.items():
@@ -107,6 +108,8 @@ def test_profiles(services):
     for name in nodes():
         assert set(services[name]["profiles"]) == {"sim", "test"}, name
     assert services[graph.RC_TRANSMITTER]["profiles"] == ["remote"]
+    for name in NAVIGATION:
+        assert services[name]["profiles"] == ["navigation"], name
     assert services["operator"]["profiles"] == ["sim"]
     assert services["test"]["profiles"] == ["test"]
     assert services["tools"]["profiles"] == services[graph.RECORDER]["profiles"] == ["tools"]
@@ -221,7 +224,7 @@ def test_the_wires_are_where_drivers_look(services):
     """The directory of `graph.serial_port`, and one set of terminals for all who share it."""
     domain = int(services[graph.PLANT]["environment"]["ROS_DOMAIN_ID"])
     directory = str(Path(graph.serial_port("vn200", domain)).parent)
-    for name in nodes(remote=True):
+    for name in nodes(remote=True, camera=True):
         mounts = {mount["target"]: mount["source"] for mount in services[name]["volumes"]}
         assert mounts[directory] == "wires", name
         assert mounts["/dev/pts"] == "terminals", name
