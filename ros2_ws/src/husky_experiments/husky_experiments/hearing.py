@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 from rclpy.callback_groups import CallbackGroup
 from rclpy.subscription import Subscription
@@ -29,15 +30,20 @@ _REPORTS = {
     graph.GROUND_TRUTH: 10_000_000,
     graph.FAN_STATE: 10_000_000,
     graph.CONTROLLER_STATE: 20_000_000,
+    graph.MAP_POSE: 20_000_000,
     graph.DRIVES_STATUS: 100_000_000,
 }
 """Periods of what nodes report of themselves [ns]."""
 _REPORTERS = {
     graph.PLANT: (graph.GROUND_TRUTH, graph.FAN_STATE),
-    **dict.fromkeys(graph.JOINT_BRIDGES, (graph.DRIVES_STATUS, graph.CONTROLLER_STATE)),
-    graph.LOW_LEVEL_CONTROLLER: (graph.CONTROLLER_STATE,),
+    **dict.fromkeys(
+        graph.JOINT_BRIDGES, (graph.DRIVES_STATUS, graph.CONTROLLER_STATE, graph.MAP_POSE)
+    ),
+    graph.LOW_LEVEL_CONTROLLER: (graph.CONTROLLER_STATE, graph.MAP_POSE),
+    graph.LOCALIZER: (graph.MAP_POSE,),
 }
-"""What is not reported without a node: the controller ticks by the joint states."""
+"""What is not reported without a node: the controller ticks by the joint states, and the localizer
+tells with each of the controller's poses."""
 
 
 def waiting(subscription: Subscription) -> Iterator[Any]:
@@ -72,6 +78,7 @@ class HeardGraph(GraphLink):
         drives: newest state of the drives, or None.
         fans: newest truth about the fans, or None.
         propulsion: newest state of the propulsion unit, or None.
+        map_pose: newest pose of the base in `map`, or None.
     """
 
     _reports: Sequence[Subscription] = ()  # nobody listens before the graph is complete
@@ -81,6 +88,7 @@ class HeardGraph(GraphLink):
         names = {spec.name for spec in self.specs}
         self._has_legs = not names.isdisjoint(graph.JOINT_BRIDGES)
         self._has_fans = graph.PIXHAWK_BRIDGE in names
+        self._has_map = graph.LOCALIZER in names
         self._forget()
         unserved = _Unserved()
         self._reports = [
@@ -91,6 +99,7 @@ class HeardGraph(GraphLink):
                 (DriveStatusArray, graph.DRIVES_STATUS, self._on_drives),
                 (FanState, graph.FAN_STATE, self._on_fans),
                 (PropulsionState, graph.PROPULSION_STATE, self._on_propulsion),
+                (PoseWithCovarianceStamped, graph.MAP_POSE, self._on_map_pose),
             )
         ]
         self._radio_frames = 0
@@ -111,12 +120,15 @@ class HeardGraph(GraphLink):
             del self._reported[graph.CONTROLLER_STATE], self._reported[graph.DRIVES_STATUS]
         if not self._has_fans:
             del self._reported[graph.FAN_STATE]
+        if not self._has_map:
+            del self._reported[graph.MAP_POSE]
         self.time = 0.0
         self.state: ControllerState | None = None
         self.truth: Odometry | None = None
         self.drives: DriveStatusArray | None = None
         self.fans: FanState | None = None
         self.propulsion: PropulsionState | None = None
+        self.map_pose: PoseWithCovarianceStamped | None = None
 
     def _hears_reports(self) -> bool:
         """Return whether everybody who reports has been found."""
@@ -125,6 +137,8 @@ class HeardGraph(GraphLink):
             topics += [graph.CONTROLLER_STATE, graph.DRIVES_STATUS]
         if self._has_fans:
             topics += [graph.FAN_STATE, graph.PROPULSION_STATE]
+        if self._has_map:
+            topics += [graph.MAP_POSE]
         return all(self.count_publishers(topic) >= 1 for topic in topics)
 
     def _catch_up(self) -> None:
@@ -179,6 +193,10 @@ class HeardGraph(GraphLink):
     def _on_truth(self, truth: Odometry) -> None:
         self.truth = truth
         self._reported[graph.GROUND_TRUTH] = stamps.to_ns(truth.header.stamp)
+
+    def _on_map_pose(self, pose: PoseWithCovarianceStamped) -> None:
+        self.map_pose = pose
+        self._reported[graph.MAP_POSE] = stamps.to_ns(pose.header.stamp)
 
     def _on_fans(self, fans: FanState) -> None:
         self.fans = fans

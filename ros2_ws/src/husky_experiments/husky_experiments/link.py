@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Self
@@ -43,6 +44,9 @@ _PATHS = (
     (graph.IMU, graph.VN200_DRIVER, graph.LOW_LEVEL_CONTROLLER),
     *((graph.DRIVES_STATUS, name, graph.LOW_LEVEL_CONTROLLER) for name in graph.JOINT_BRIDGES),
     (graph.ODOMETRY, graph.LOW_LEVEL_CONTROLLER, graph.PLANT),
+    (graph.ODOMETRY, graph.LOW_LEVEL_CONTROLLER, graph.ELEVATION_MAPPER),
+    (graph.ODOMETRY, graph.LOW_LEVEL_CONTROLLER, graph.LOCALIZER),
+    (graph.T265_ODOMETRY, graph.T265_DRIVER, graph.LOCALIZER),
     (graph.DEPTH_IMAGE, graph.D435_DRIVER, graph.ELEVATION_MAPPER),
     (graph.FLIGHT_SENSORS, graph.PLANT, graph.FLIGHT_CONTROLLER),
     (graph.FAN_COMMAND, graph.FLIGHT_CONTROLLER, graph.PLANT),
@@ -138,13 +142,14 @@ class GraphLink:
         self.wait_for(lambda: self._find_owners(names), "the names of the nodes of the services")
         for service in self._probes:
             self._probe(service)
-        for name, publisher, subscriber in _PATHS:
-            if not {publisher, subscriber} <= names:
-                continue
+        listeners = Counter(
+            name for name, publisher, subscriber in _PATHS if {publisher, subscriber} <= names
+        )
+        for name, count in listeners.items():
             self.wait_for(
-                lambda name=name: (  # type: ignore[misc]
+                lambda name=name, count=count: (  # type: ignore[misc]
                     node.count_publishers(name) >= 1
-                    and node.count_subscribers(name) >= 1 + recorders
+                    and node.count_subscribers(name) >= count + recorders
                 ),
                 f"publisher and subscribers of {name}",
                 _START_PERIOD,

@@ -7,6 +7,7 @@ robot starts, its x axis along the nose.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -50,6 +51,11 @@ def place(session: Session) -> tuple[float, float]:
     return float(x), float(y)
 
 
+def heading_of(orientation: Sequence[float]) -> float:
+    """Return the heading [rad] of an attitude (x, y, z, w)."""
+    return float(to_rpy(np.array([orientation]))[0, 2])
+
+
 def go_to(session: Session, goal: tuple[float, float], pace: Steering, within: float) -> None:
     """Steer the base to a goal by velocity commands; nose along x. It comes to rest after that.
 
@@ -91,7 +97,7 @@ def _velocity(
 ) -> tuple[float, float, float]:
     """Return the velocity command in the heading frame that leads along a way in odometry [m]."""
     assert session.state is not None
-    yaw = float(to_rpy(np.array([session.state.orientation]))[0, 2])
+    yaw = heading_of(session.state.orientation)
     way = math.hypot(ahead, left)
     speed = min(pace.speed, pace.slowing * way) / way
     c, s = math.cos(yaw), math.sin(yaw)

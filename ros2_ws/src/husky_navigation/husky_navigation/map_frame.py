@@ -60,7 +60,7 @@ _FAILED, _LOW, _MEDIUM = 0, 1, 2
 
 
 class LocalizerState(Enum):
-    """What `map` to `odom` rests on now."""
+    """Measurements that `map` to `odom` rests on."""
 
     LEGS_ONLY = "legs only"
     SETTLING = "tracking settles"
@@ -72,7 +72,7 @@ class LocalizerState(Enum):
 
 @dataclass
 class LocalizerCounters:
-    """What became of frames of the T265 and of poses of odometry since the node started.
+    """Counters of frames of the T265 and of poses of odometry by their fate, since the start.
 
     Attributes:
         odometry: poses taken.
@@ -179,7 +179,7 @@ class MapFrame:
         self._slipped = -_REPORTED_NS  # Stamp of the last slip.
         self._relocalised = -_REPORTED_NS  # Stamp of odometry then.
 
-    # What is known ------------------------------------------------------------------------------
+    # Results ------------------------------------------------------------------------------------
     @property
     def map_to_odom(self) -> LevelTransform:
         """Pose of odom in map: what is published as the transform map to odom."""
@@ -208,7 +208,7 @@ class MapFrame:
 
     @property
     def state(self) -> LocalizerState:
-        """What the pose in map rests on; `RELOCALISED` for 2 s after that happened."""
+        """Measurements that the pose rests on; `RELOCALISED` for 2 s after that happened."""
         if (
             self._phase is LocalizerState.FUSED
             and self._odometry[-1].stamp - self._relocalised < _REPORTED_NS
