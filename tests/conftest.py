@@ -44,17 +44,17 @@ def pytest_configure(config: pytest.Config) -> None:
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """The order of files when they are handed out to several workers, and when they are not.
 
-    Those that share a graph (a fixture `..._of_module`) follow one another.
+    Those that share a graph (a fixture `..._of_module`) follow one another; one that has two graphs
+    stands between those that have the one and those that have the other.
     """
-    shared: dict[Path, str] = {}
+    shared: dict[Path, set[str]] = {}
     for item in items:
-        for name in getattr(item, "fixturenames", ()):
-            if name.endswith("_of_module"):
-                shared.setdefault(item.path, name)
+        names = getattr(item, "fixturenames", ())
+        shared.setdefault(item.path, set()).update(n for n in names if n.endswith("_of_module"))
 
-    def rank(item: pytest.Item) -> tuple[bool, int, str]:
+    def rank(item: pytest.Item) -> tuple[bool, int, list[str]]:
         place = next(p for start, p in _PLACES.items() if item.nodeid.startswith(start))
-        return "realtime" in item.path.name, place, shared.get(item.path, "")
+        return "realtime" in item.path.name, place, sorted(shared[item.path])
 
     items.sort(key=rank)
     contained = [

@@ -11,18 +11,25 @@ import pytest
 
 pytest.importorskip("rclpy")
 
+from own_network import own_network
 from ros_domain import held_domain, own_domain
 from seen_robot import SETTINGS, Robot, running
 
 from husky_bringup.system import simulated_robot
+from husky_runtime import graph
 from husky_runtime.nodes.diagnostics import PERIOD
 
 NewGraph = Callable[..., contextlib.AbstractContextManager["Robot"]]
-SHARED = {"graph_of_module", "fans_of_module", "vectoring_of_module"}
+SHARED = {"graph_of_module", "seeing_of_module", "fans_of_module", "vectoring_of_module"}
 """Fixtures whose graphs go on from module to module."""
 
 REPORTING = {PERIOD: 0.2}
 """Of every node: tests wait for reports."""
+WIRED_AND_SEEING = {
+    **SETTINGS,
+    graph.PLANT: {**SETTINGS[graph.PLANT], "bus": "soem", "camera": True},
+}
+"""Parameters of a graph with EtherCAT frames on a wire and with the depth camera."""
 
 
 class Graphs:
@@ -64,12 +71,16 @@ class Graphs:
     def _graph(
         self, clock: str = "lockstep", remote: bool = False, **settings: Any
     ) -> Iterator[Robot]:
-        """Start a graph, by other settings if need be."""
+        """Start a graph, by other settings if need be; EtherCAT frames get a network to be on."""
         settings = settings or SETTINGS
+        wired = settings.get(graph.PLANT, {}).get("bus") == "soem"
         names = [spec.name for spec in simulated_robot(clock, settings, remote=remote)]
         settings = {name: {**REPORTING, **settings.get(name, {})} for name in names}
         options = {"record": False, "clock": clock, "remote": remote}
-        with running(self._new_directory("graph"), settings, **options) as session:
+        with (
+            own_network() if wired else contextlib.nullcontext(),
+            running(self._new_directory("graph"), settings, **options) as session,
+        ):
             robot = Robot(session)
             yield robot
             robot.close()
@@ -124,6 +135,12 @@ def new_graph(graphs: Graphs) -> NewGraph:
 def graph_of_module(graphs: Graphs) -> Robot:
     """The walking robot's graph in lockstep."""
     return graphs.shared()
+
+
+@pytest.fixture(scope="module")
+def seeing_of_module(graphs: Graphs) -> Robot:
+    """The walking robot's graph in lockstep with EtherCAT frames, depth camera and navigation."""
+    return graphs.shared(**WIRED_AND_SEEING)
 
 
 @pytest.fixture
