@@ -17,7 +17,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +28,7 @@ from geometry_msgs.msg import Twist
 
 from husky_bringup.processes import Processes
 from husky_bringup.settings import HelpFormatter
-from husky_bringup.system import simulated_robot
+from husky_bringup.system import ParameterValue, simulated_robot
 from husky_experiments.scripts import assist, ready_fans, stand_up, walk
 from husky_experiments.session import Session
 from husky_runtime import graph
@@ -109,27 +109,45 @@ def lockstep(seconds: float, *, with_unit: bool = False) -> dict[str, float]:
         tempfile.TemporaryDirectory() as directory,
         free_run(Path(directory), with_unit=with_unit) as session,
     ):
-        probe = Probe(session)
-        start, start_simulated = time.monotonic(), probe.simulated()
-        start_cpu = cpu_seconds(session.processes, session.specs)
-        probe.walk_for(seconds)
-        wall = time.monotonic() - start
-        simulated = probe.simulated() - start_simulated
-        cpu = cpu_seconds(session.processes, session.specs)
-        periods = probe.values(graph.PLANT, "period_ms_p50")
-        return {
-            "rtf": simulated / wall,
-            "tick_us_p50": 1e3 * float(np.median(periods)),
-            "tick_us_p99": 1e3 * float(np.median(probe.values(graph.PLANT, "period_ms_p99"))),
-            **{f"cpu_s_per_sim_s_{n}": (cpu[n] - start_cpu[n]) / simulated for n in cpu},
-        }
+        return measure(session, Probe(session), seconds)
+
+
+def measure(
+    session: Session, probe: Probe, seconds: float, until: Callable[[], bool] = lambda: False
+) -> dict[str, float]:
+    """Let a free run walk for a while of wall time [s], or `until`; return what was measured."""
+    start, start_simulated = time.monotonic(), probe.simulated()
+    start_cpu = cpu_seconds(session.processes, session.specs)
+    probe.walk_for(seconds, until)
+    wall = time.monotonic() - start
+    simulated = probe.simulated() - start_simulated
+    cpu = cpu_seconds(session.processes, session.specs)
+    periods = probe.values(graph.PLANT, "period_ms_p50")
+    return {
+        "rtf": simulated / wall,
+        "tick_us_p50": 1e3 * float(np.median(periods)),
+        "tick_us_p99": 1e3 * float(np.median(probe.values(graph.PLANT, "period_ms_p99"))),
+        **{f"cpu_s_per_sim_s_{n}": (cpu[n] - start_cpu[n]) / simulated for n in cpu},
+    }
 
 
 @contextlib.contextmanager
-def free_run(directory: Path, *, with_unit: bool = False) -> Iterator[Session]:
-    """A trotting robot whose world is not paused, and which wants a command every 0.5 s."""
+def free_run(
+    directory: Path,
+    *,
+    with_unit: bool = False,
+    plant: Mapping[str, ParameterValue] | None = None,
+) -> Iterator[Session]:
+    """A trotting robot whose world is not paused, and which wants a command every 0.5 s.
+
+    Args:
+        directory: for logs.
+        with_unit: True for the robot with its propulsion unit.
+        plant: further parameters of the plant.
+    """
     body = "robot_with_unit" if with_unit else "robot"
-    with Session(directory, {graph.PLANT: {"body": body}}, record=False) as session:
+    settings = {graph.PLANT: {"body": body, **(plant or {})}}
+    with Session(directory, settings, record=False) as session:
         stand_up(session)
         if with_unit:
             ready_fans(session)
@@ -171,8 +189,8 @@ class Probe:
         stamp = self._session.truth.header.stamp
         return stamp.sec + 1e-9 * stamp.nanosec
 
-    def walk_for(self, seconds: float) -> None:
-        """Command a velocity for a while of wall time [s].
+    def walk_for(self, seconds: float, until: Callable[[], bool] = lambda: False) -> None:
+        """Command a velocity for a while of wall time [s], or `until`.
 
         Asleep otherwise: whoever takes every message here has a fifth of a processor, and it is the
         graph's time that is measured. Reports come once a second and stay in their queue.
@@ -180,7 +198,7 @@ class Probe:
         twist = Twist()
         twist.linear.x = 0.4
         end = time.monotonic() + seconds
-        while time.monotonic() < end:
+        while time.monotonic() < end and not until():
             self._session.publish_twist(twist)
             self._take(1)
             time.sleep(_COMMAND_PERIOD)

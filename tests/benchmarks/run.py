@@ -12,6 +12,7 @@ import control
 import drives
 import ethercat
 import loop
+import mapping
 import mavlink
 import plan
 import plant
@@ -21,6 +22,7 @@ from husky_runtime.domain_locks import OccupiedError
 
 BENCHES: dict[str, Callable[[list[str]], dict[str, Any]]] = {
     "loop": loop.bench,
+    "mapping": mapping.bench,
     "plan": plan.bench,
     "plant": plant.bench,
     "control": control.bench,

@@ -216,6 +216,25 @@ def _is_in_capsule(capsules: Array, x: float, y: float, z: float) -> bool:
 
 
 @njit(inline="always")
+def _box_around(capsules: Array) -> tuple[Array, Array]:
+    """Return the lowest and the highest corner (3,) [m] of a box that holds capsules (k, 7)."""
+    lowest, highest = np.full(3, np.inf), np.full(3, -np.inf)
+    for k in range(len(capsules)):
+        for axis in range(3):
+            for end in (capsules[k, axis], capsules[k, 3 + axis]):
+                lowest[axis] = min(lowest[axis], end - capsules[k, 6])
+                highest[axis] = max(highest[axis], end + capsules[k, 6])
+    return lowest, highest
+
+
+@njit(inline="always")
+def _is_in_box(lowest: Array, highest: Array, x: float, y: float, z: float) -> bool:
+    """Return whether a point lies between two corners (3,) [m]."""
+    within: bool = lowest[0] < x < highest[0] and lowest[1] < y < highest[1]
+    return within and lowest[2] < z < highest[2]
+
+
+@njit(inline="always")
 def _axial_deviation(depth: float, noise: DepthNoise) -> float:
     """Return the deviation of a depth [m] along the optical axis [m]."""
     return noise.axial_floor + noise.axial_growth * (depth - noise.axial_depth) ** 2
@@ -333,6 +352,7 @@ def gather(
     size, r, position = lattice.resolution, camera.rotation, camera.position
     lateral = noise.lateral**2 * (r[2, 0] ** 2 + r[2, 1] ** 2)
     found = 0
+    lowest, highest = _box_around(capsules)  # few points are near the legs
     for row in range(depth.shape[0]):
         v = (row - camera.pinhole.cy) / camera.pinhole.fy
         for column in range(depth.shape[1]):
@@ -352,7 +372,8 @@ def gather(
             if _is_flying(inverse, row, column, tolerance, noise.edge_share):
                 fates[_FLYING] += 1
                 continue
-            if _is_in_capsule(capsules, x, y, position[2] + z):
+            up = position[2] + z
+            if _is_in_box(lowest, highest, x, y, up) and _is_in_capsule(capsules, x, y, up):
                 fates[_OF_ROBOT] += 1
                 continue
             fates[_USED] += 1

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import struct
 import sys
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from grid_map_msgs.msg import GridMap
@@ -33,6 +35,7 @@ from husky_runtime.nodes.message_guard import Refused
 from husky_runtime.nodes.one_clock import OneClock
 from husky_runtime.nodes.parameters import declare, declare_robot
 from husky_runtime.nodes.run import run
+from husky_runtime.nodes.tick_clock import percentile_ms
 
 _TUNABLE = {
     "resolution": "edge of a cell [m]",
@@ -56,6 +59,8 @@ _UNKNOWN = 0.5
 of a robot that falls or hangs."""
 _SILENT_NS = 1_000_000_000
 """Time without an image that is a fault [ns]."""
+_TIMES_KEPT = 1024
+"""Images and maps whose times are kept."""
 _STAMP = struct.Struct("<iI")
 _ENCAPSULATION = 4
 """Bytes before the stamp with which a serialised `sensor_msgs/JointState` begins."""
@@ -80,7 +85,7 @@ class ElevationMapper(OneClock, Node):
         self._received_ns = -1
         self._base_known: bool | None = None
         self._published_ns = -1
-        self._image_ms = 0.0
+        self._image_times, self._map_times = _WorkTimes("image"), _WorkTimes("map")
         self._maps = self.create_publisher(GridMap, graph.ELEVATION_MAP, qos.LATCHED)
         self._grids = self.create_publisher(OccupancyGrid, graph.OCCUPANCY, qos.LATCHED)
         self._listen()
@@ -130,53 +135,59 @@ class ElevationMapper(OneClock, Node):
         if (image.width, image.height) != self._size:
             size, told = f"{image.width} x {image.height}", "{} x {}".format(*self._size)
             raise Refused(f"image is {size} pixels, camera_info is of {told}")
-        before = time.perf_counter()
         try:
-            stamp = stamps.to_ns(image.header.stamp)
-            self.mapper.add_image(stamp, _depth_of(image), self._camera)
-            self._received_ns = stamp
+            with self._timed_images():
+                stamp = stamps.to_ns(image.header.stamp)
+                self.mapper.add_image(stamp, _depth_of(image), self._camera)
+                self._received_ns = stamp
         except ValueError as error:
             raise Refused(str(error)) from error
-        self._after(before)
+        self._publish_if_due()
 
     def _on_odometry(self, odometry: Odometry) -> None:
         at = odometry.pose.pose
         p, q = at.position, at.orientation
         self._base_known = known = bool(odometry.twist.covariance[0] < _UNKNOWN)
-        before = time.perf_counter()
         try:
-            self.mapper.add_pose(
-                stamps.to_ns(odometry.header.stamp),
-                np.array((p.x, p.y, p.z)),
-                np.array((q.x, q.y, q.z, q.w)),
-                known=known,
-            )
+            with self._timed_images():
+                self.mapper.add_pose(
+                    stamps.to_ns(odometry.header.stamp),
+                    np.array((p.x, p.y, p.z)),
+                    np.array((q.x, q.y, q.z, q.w)),
+                    known=known,
+                )
         except ValueError as error:
             raise Refused(str(error)) from error
-        self._after(before)
+        self._publish_if_due()
 
     def _on_controller_state(self, state: ControllerState) -> None:
         standing = np.array(state.stance) & np.array(state.contact)
-        self.mapper.add_contacts(stamps.to_ns(state.stamp), standing)
+        with self._timed_images():
+            self.mapper.add_contacts(stamps.to_ns(state.stamp), standing)
 
     def _on_clear(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self.mapper.clear()
-        self._after(time.perf_counter())
+        self._publish_if_due()
         response.success, response.message = True, "the map is empty"
         return response
 
     # The map ------------------------------------------------------------------------------------
-    def _after(self, begun: float) -> None:
-        """Publish the map if it is time, after images may have gone into it since `begun` [s]."""
+    @contextlib.contextmanager
+    def _timed_images(self) -> Iterator[None]:
+        """Time a measurement with which an image goes into the map; leave others out."""
+        before, begun = self.mapper.counts["images"], _now()
+        yield
+        if self.mapper.counts["images"] > before:
+            self._image_times.add(begun)
+
+    def _publish_if_due(self) -> None:
+        """Publish the map if it is time, after images may have gone into it."""
         stamp = self.mapper.image_time
         if stamp < 0:
             if self._published_ns >= 0:
                 self._publish(max(0, self.mapper.pose_time))  # an empty map
             self._published_ns = -1
             return
-        if stamp == self._published_ns:
-            return
-        self._image_ms = 1e3 * (time.perf_counter() - begun)
         if 0 <= self._published_ns <= stamp < self._published_ns + self._period_ns:
             return
         self._published_ns = stamp
@@ -184,16 +195,19 @@ class ElevationMapper(OneClock, Node):
 
     def _publish(self, stamp: int) -> None:
         """Publish the map with a stamp [ns]."""
+        begun = _now()
         ground = self.mapper.map
         surface = surface_of(ground.elevation, ground.parameters)
         self._maps.publish(grid_map_message(ground, surface, stamp))
         self._grids.publish(occupancy_message(ground, surface, stamp))
+        self._map_times.add(begun)
 
     def _report(self) -> diagnostics.Report:
         mapper = self.mapper
         values: dict[str, object] = {
             **{name: mapper.counts[name] for name in _COUNTED},
-            "image_ms": f"{self._image_ms:.1f}",
+            **self._image_times.percentiles(),
+            **self._map_times.percentiles(),
         }
         if mapper.last is not None:
             values |= {
@@ -247,6 +261,45 @@ _COUNTED = (
 """Counters of `GroundMapper`, as they are reported."""
 
 
+class _WorkTime(NamedTuple):
+    """Wall time and processor time of this thread [s], both since some instant."""
+
+    wall: float
+    processor: float
+
+
+def _now() -> _WorkTime:
+    return _WorkTime(time.perf_counter(), time.thread_time())
+
+
+class _WorkTimes:
+    """Wall time and processor time of the newest pieces of work of one kind.
+
+    Wall time has in it the time for which other processes had the processor; processor time is
+    what the work takes on a core of its own.
+    """
+
+    def __init__(self, kind: str) -> None:
+        self._kind = kind
+        self._kept: deque[_WorkTime] = deque(maxlen=_TIMES_KEPT)
+
+    def add(self, begun: _WorkTime) -> None:
+        """Add work that began at a time and has just been done."""
+        now = _now()
+        self._kept.append(_WorkTime(now.wall - begun.wall, now.processor - begun.processor))
+
+    def percentiles(self) -> dict[str, str]:
+        """Return median and 99th percentile as they are reported [ms], nothing before any work."""
+        if not self._kept:
+            return {}
+        wall, processor = np.array(self._kept).T
+        return {
+            f"{self._kind}_{name}_p{percent}": f"{percentile_ms(times, percent):.2f}"
+            for name, times in (("ms", wall), ("cpu_ms", processor))
+            for percent in (50, 99)
+        }
+
+
 class _JointHistory:
     """Joint states of the last second as bytes: only those that are looked up are decoded."""
 
@@ -265,10 +318,14 @@ class _JointHistory:
 
     def at(self, time_ns: int) -> Array | None:
         """Return the joints (12,) [rad] nearest to a time [ns]; None where there are none."""
-        time_then, data = min(
-            self._kept, key=lambda kept: abs(kept[0] - time_ns), default=(-_JOINTS_NEAR_NS, b"")
-        )
-        if abs(time_then - time_ns) > _JOINTS_NEAR_NS:
+        nearest, data = _JOINTS_NEAR_NS, b""
+        for stamp, kept in reversed(self._kept):  # what is looked up is among the newest
+            distance = abs(stamp - time_ns)
+            if distance <= nearest:
+                nearest, data = distance, kept
+            elif stamp < time_ns:
+                break  # the rest is older still
+        if not data:
             return None
         try:
             joints = np.array(deserialize_message(data, JointState).position)
