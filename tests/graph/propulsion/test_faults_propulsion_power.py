@@ -87,7 +87,7 @@ class Localizer:
         return self.session.processes.end(graph.LOCALIZER)[graph.LOCALIZER]
 
     def counters(self, state, level=DiagnosticStatus.OK):
-        """Return the counters of its report once it has all odometry; it is of a state and level."""
+        """Return the counters of its report of a state and level, once it has all odometry."""
         self.session.wait_for(self._has_caught_up, "the newest pose in map")
         report = self.robot.reported(graph.LOCALIZER, state)
         assert report.level == level, self.robot.seen
