@@ -17,9 +17,9 @@ pytestmark = pytest.mark.graph
 
 SETTLED = 0.3
 """The voltage falls at once, and with it the thrust, which the autopilot then makes up for [s]."""
-WATCHED = 0.54
-"""The localizer uses a camera that has jumped or was gone when it has watched it for 0.5 s, and
-gives it up when it has been silent for as long [s]; both by odometry, which comes every 0.02 s."""
+WATCHED = 0.6
+"""The localizer gives the T265 up when it has been silent for 0.5 s. It watches one that has jumped
+or was gone for as long, then uses a pose of it every 0.05 s [s]."""
 ODOMETRY_PERIOD = 20_000_000
 """[ns]"""
 ERROR = 0.01
