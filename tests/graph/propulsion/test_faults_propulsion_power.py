@@ -110,13 +110,16 @@ class Localizer:
     def has_followed(self, record_property):
         """Assert that the base was followed in map and odom since `watch`, without a step."""
         self.session.wait_for(self._has_caught_up, "the newest pose in map")
-        in_world, in_odom, in_map = (
+        tracks = [
             Track([(stamps.to_ns(m.header.stamp), m.pose.pose) for m in tap.drain()])
             for tap in (self._truths, self._odometry, self._poses)
-        )
-        times = in_map.times[in_map.times >= in_world.times[0]]
+        ]
+        begin = max(track.times[0] for track in tracks)
+        end = min(track.times[-1] for track in tracks)
+        in_world, in_odom, in_map = tracks
+        times = in_map.times[(begin <= in_map.times) & (in_map.times <= end)]
         true = in_world.seen_at(times)
-        errors = [lengths(track.seen_at(times) - true).max() for track in (in_map, in_odom)]
+        errors = [max(lengths(track.seen_at(times) - true)) for track in (in_map, in_odom)]
         edges = [edge for message in self._transforms.drain() for edge in message.transforms]
         origins = [
             xyz(edge.transform.translation)
@@ -124,8 +127,7 @@ class Localizer:
             if (edge.header.frame_id, edge.child_frame_id) == (graph.FRAME_MAP, graph.FRAME_ODOM)
         ]
         assert len(times) > 20 and len(origins) > 20, "the taps heard too little"
-        step = lengths(np.diff(origins, axis=0)).max()
-        distance = lengths(true).max()
+        step, distance = max(lengths(np.diff(origins, axis=0))), max(lengths(true))
         record_property("distance_errors_step_m", (distance, *errors, step))
         assert distance > 0.1, "it has not walked"
         assert max(errors) < ERROR, f"in map and odom {errors} m wrong"
@@ -157,7 +159,7 @@ def xyz(vector):
 
 def lengths(vectors):
     """Return the length of each of some vectors (n, 3)."""
-    return np.linalg.norm(vectors, axis=1)
+    return np.linalg.norm(vectors, axis=1).tolist()
 
 
 @pytest.fixture(scope="module")
