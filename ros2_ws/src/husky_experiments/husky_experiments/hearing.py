@@ -42,8 +42,8 @@ _REPORTERS = {
     graph.LOW_LEVEL_CONTROLLER: (graph.CONTROLLER_STATE, graph.MAP_POSE),
     graph.LOCALIZER: (graph.MAP_POSE,),
 }
-"""What is not reported without a node: the controller ticks by the joint states, and the localizer
-tells with each of the controller's poses."""
+"""Topics that stop without a node: the controller ticks by the joint states, and the localizer
+publishes with each of the controller's poses."""
 
 
 def waiting(subscription: Subscription) -> Iterator[Any]:

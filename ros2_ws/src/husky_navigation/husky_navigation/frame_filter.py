@@ -235,8 +235,8 @@ class FrameFilter:
     def relocalise(self, match: MatchedPose, tracking: LevelTransform, variance: Array) -> bool:
         """Correct the base by a place that the T265 has recognised; anchor t265_odom there.
 
-        What was unsure about the base when the place was seen first is so still: only the drift
-        since then is corrected, on each axis by itself.
+        The uncertainty of the base when the place was seen first stays: only the drift since then
+        is corrected, on each axis by itself.
 
         Args:
             match: of the base.

@@ -168,7 +168,7 @@ class Trial:
 
     @property
     def counts(self):
-        """What was counted, but for good frames."""
+        """Return the counters that are not 0, without those of good frames."""
         counted = vars(self.map_frame.counters).items()
         good = ("odometry", "tracking", "fused")
         return {name: count for name, count in counted if count and name not in good}
