@@ -103,6 +103,23 @@ def test_flat_ground_in_closed_form():
     np.testing.assert_allclose(depth, place[2] / sinking, rtol=1e-9)
 
 
+SHAPES = """
+<mujoco>
+  <worldbody>
+    <body name="base" mocap="true"><site name="d435"/></body>
+    <geom type="plane" size="0 0 1" pos="0 0 -4"/>
+  </worldbody>
+</mujoco>
+"""
+"""A lens over an endless plane."""
+SIZES = {
+    mujoco.mjtGeom.mjGEOM_PLANE: (1.0, 0.0, 1.0),
+    mujoco.mjtGeom.mjGEOM_SPHERE: (1.0, 0.0, 0.0),
+    mujoco.mjtGeom.mjGEOM_CAPSULE: (0.5, 1.0, 0.0),
+    mujoco.mjtGeom.mjGEOM_CYLINDER: (0.5, 1.0, 0.0),
+    mujoco.mjtGeom.mjGEOM_BOX: (1.0, 1.0, 1.0),
+}
+"""Shapes, and their sizes in a random number of metres; a plane's 0 is endless."""
 LENS = """
 <mujoco>
   <worldbody>
@@ -130,6 +147,47 @@ def test_a_box_ahead_is_where_it_should_be():
     columns, rows = np.arange(PINHOLE.width), np.arange(PINHOLE.height)
     inside = np.outer((top <= rows) & (rows <= bottom), (left <= columns) & (columns <= right))
     np.testing.assert_allclose(depth, np.where(inside, 2.0, 6.0), rtol=1e-9)
+
+
+def test_each_shape_is_met_as_mujoco_meets_it():
+    """Turned at random; from the middle of one its far side is seen."""
+    random = np.random.default_rng(2)
+    spec = mujoco.MjSpec.from_string(SHAPES)
+    for kind, sizes in SIZES.items():
+        for _ in range(8):
+            size = random.uniform(0.3, 1.2, 3) * sizes
+            at, turn = random.normal(0.0, 2.0, 3), random.normal(size=4)
+            spec.worldbody.add_geom(type=kind, size=size, pos=at, quat=turn)
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    base, hit = model.body("base").id, np.zeros(1, np.int32)
+    kinds, inside = set(), 0
+    for middle in range(model.ngeom):
+        data.mocap_pos[0] = model.geom_pos[middle]
+        data.mocap_quat[0] = random.normal(size=4)
+        depth = DepthRays(model, PINHOLE).cast(WorldSnapshot.of(data))
+        mujoco.mj_forward(model, data)
+        axes = Rotation.from_quat(np.roll(data.mocap_quat[0], -1))
+        u, v = random.integers(PINHOLE.width, size=100), random.integers(PINHOLE.height, size=100)
+        for row, column, ray in zip(v, u, axes.apply(view(u, v)), strict=True):
+            length = np.linalg.norm(ray)
+            args = model, data, data.mocap_pos[0], ray / length, None, 1, base, hit
+            far = mujoco.mj_ray(*args) / length if mujoco.mj_ray(*args) >= 0.0 else math.inf
+            assert depth[row, column] == pytest.approx(far, rel=1e-9), hit
+            if far < math.inf:
+                kinds.add(int(model.geom_type[hit[0]]))
+                inside += int(hit[0]) == middle
+    assert kinds == {int(kind) for kind in SIZES} and inside > 500
+
+
+def test_a_shape_that_rays_cannot_meet_is_refused():
+    with_ellipsoid = LENS.replace(
+        '<geom type="box" size="0.1 8 8" pos="6.1 0 0"/>',
+        '<geom name="egg" type="ellipsoid" size="0.1 0.2 0.3" pos="6 0 0"/>',
+    )
+    model = mujoco.MjModel.from_xml_string(with_ellipsoid)
+    with pytest.raises(ValueError, match="geom 'egg' has the shape ellipsoid"):
+        DepthRays(model, PINHOLE)
 
 
 def test_what_is_moved_by_hand_is_seen_where_it_is():

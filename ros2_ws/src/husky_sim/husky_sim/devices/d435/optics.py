@@ -13,14 +13,10 @@ from husky_description.plain_mujoco import mujoco
 from husky_description.sections import D435Section
 from husky_drivers.d435.frames import DepthImage, Intrinsics
 from husky_sim.devices.d435.errors import StereoErrors
+from husky_sim.devices.d435.ray_casting import Pinhole, cast, geoms_of
 
 CARRIER, LENS = "base", "d435"
 """Names of the body that carries the camera, and of the site at camera_link (x along the view)."""
-
-_FURTHEST = 1e10
-"""MuJoCo's greatest distance [m]: no hit is left out for being far."""
-_GROUPS = 6
-"""Groups of geoms in MuJoCo."""
 
 
 def intrinsics_of(figures: D435Section) -> Intrinsics:
@@ -57,7 +53,6 @@ class DepthRays:
 
     Attributes:
         intrinsics: of the image.
-        directions: of the pixels' rays, row by row, unit vectors in the axes of camera_link (n, 3).
     """
 
     def __init__(self, model: mujoco.MjModel, intrinsics: Intrinsics):
@@ -66,44 +61,30 @@ class DepthRays:
         Args:
             model: of the world, with the body `CARRIER` and the site `LENS`.
             intrinsics: of the image.
+
+        Raises:
+            ValueError: something has a shape that rays cannot meet.
         """
         self.intrinsics = intrinsics
         self._model = copy.copy(model)
         self._data = mujoco.MjData(self._model)
-        self._lens = model.site(LENS).id
-        self._carrier = model.body(CARRIER).id
-        self._seen = np.ones(_GROUPS, np.uint8)
-        self._seen[VISUAL_GROUP] = 0
-        across = (np.arange(intrinsics.width) - intrinsics.cx) / intrinsics.fx
-        down = (np.arange(intrinsics.height) - intrinsics.cy) / intrinsics.fy
-        right, below = np.meshgrid(across, down)
-        # camera_link has x along the view, y to the left and z up.
-        rays = np.stack((np.ones_like(right), -right, -below), axis=-1).reshape(-1, 3)
-        self.directions = rays / np.linalg.norm(rays, axis=1, keepdims=True)
-        self._geoms = np.empty(len(rays), np.int32)
-        self._distances = np.empty(len(rays))
+        lens = model.site(LENS).id
+        seen = (model.geom_group != VISUAL_GROUP) & (model.geom_bodyid != model.body(CARRIER).id)
+        geoms = geoms_of(self._model, self._data, seen)
+        right: Array = (np.arange(intrinsics.width) - intrinsics.cx) / intrinsics.fx
+        below: Array = (np.arange(intrinsics.height) - intrinsics.cy) / intrinsics.fy
+        axes = self._data.site_xmat[lens].reshape(3, 3)
+        self._scene = geoms, Pinhole(right, below), self._data.site_xpos[lens], axes
+        # The kernel is compiled, or loaded, before an image waits for it.
+        self.cast(WorldSnapshot.of(self._data))
 
     def cast(self, snapshot: WorldSnapshot) -> Array:
         """Return the true depth along the optical axis [m] (height, width), inf without a hit."""
-        model, data = self._model, self._data
+        data, depth = self._data, np.empty((self.intrinsics.height, self.intrinsics.width))
         data.qpos[:], data.mocap_pos[:], data.mocap_quat[:] = snapshot
-        mujoco.mj_kinematics(model, data)
-        mujoco.mj_multiRay(
-            model,
-            data,
-            data.site_xpos[self._lens],
-            (self.directions @ data.site_xmat[self._lens].reshape(3, 3).T).ravel(),
-            self._seen,
-            True,
-            self._carrier,
-            self._geoms,
-            self._distances,
-            None,
-            len(self._distances),
-            _FURTHEST,
-        )
-        depth = np.where(self._distances < 0.0, np.inf, self._distances * self.directions[:, 0])
-        return depth.reshape(self.intrinsics.height, self.intrinsics.width)
+        mujoco.mj_kinematics(self._model, data)
+        cast(*self._scene, depth)
+        return depth
 
 
 class D435Optics:
