@@ -19,6 +19,11 @@ from husky_sim.world import World
 
 _TARGET = "d435"
 """Name of the camera for faults."""
+_LOOK_NS = 10_000_000
+"""Simulated time between two looks at the wire, unless the world waits for the driver [ns]."""
+_TAKING_NS = 20_000_000
+"""Simulated time that the driver has to take an image before the world waits for it [ns]: it works
+meanwhile, beside the physics."""
 
 
 class _Exposure(NamedTuple):
@@ -41,10 +46,10 @@ class CameraWire:
     """Takes an image of the world every period and sends it after the camera's latency.
 
     The rays of an image are cast in a thread of their own, on a copy of the state at its tick,
-    while the world goes on. In lockstep the world waits at the tick at which the image is due,
-    first for the rays and then until the driver has taken the image: images and their times do not
-    depend on how fast anything runs. In realtime an image that is not ready comes late, and where
-    the rays cannot keep up exposures are left out.
+    while the world goes on. In lockstep the world waits for the rays at the tick at which the image
+    is due, and 20 ms later until the driver has taken it: images and their times do not depend on
+    how fast anything runs. In realtime an image that is not ready comes late, and where the rays
+    cannot keep up exposures are left out.
 
     Attributes:
         peer: the driver.
@@ -116,7 +121,9 @@ class CameraWire:
             sent = self._device.send(number, time_ns, image.result())
             if sent is not None:
                 self._sent_ns, self._sent = now, sent
-        self.service()
+            self.service()
+        if now % _LOOK_NS == 0:
+            self.service()
 
     def _expose(self) -> None:
         """Begin an image of the world as it is now."""
@@ -125,8 +132,9 @@ class CameraWire:
         self._exposures.append(_Exposure(self._number, now, now + self._latency_ns, image))
 
     def ready(self) -> bool:
-        """Return whether the driver has taken every image that it was sent, or is given up."""
-        return not self._lockstep or self.peer.ready(self._sent_ns)
+        """Return whether the driver has taken what it had to take by now, or is given up."""
+        late = self._world.time_ns >= self._sent_ns + _TAKING_NS
+        return not self._lockstep or not late or self.peer.ready(self._sent_ns)
 
     def service(self) -> bool:
         """Carry what is on the wire; return whether the driver said anything."""

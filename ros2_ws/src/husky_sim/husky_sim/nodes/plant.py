@@ -119,7 +119,8 @@ class Plant(OneClock, Node):
     def _serve_camera(self) -> bool:
         """Carry what is on the camera's wire; go on when its driver has taken an image."""
         assert self._camera is not None
-        if not self._camera.service():
+        # Each tick and each quiet moment look at the wire anyway.
+        if self._camera.ready() or not self._camera.service():
             return False
         self._on_answer()
         return True
