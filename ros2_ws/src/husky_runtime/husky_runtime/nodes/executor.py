@@ -129,16 +129,17 @@ class WaitSetExecutor:
         """Serve what is there, or wait a little for it."""
         if not (self._hot or self._hot_timers):
             self._look_whether_to_end()
-            self._look_at_rest().wait(_POLL_NS)
+            asked = self._look_at_rest().wait(_POLL_NS)
             self._serve_hot()  # a wire may carry an emergency stop
-            self._look_at_rest().serve()
+            self._look_at_rest().serve(asked=asked)
             return
-        if self._quiet_waits > _IDLE_AFTER:
+        idle = self._quiet_waits > _IDLE_AFTER
+        if idle:
             # It stays so until something hot comes.
-            self._look_at_rest().wait(_IDLE_NS)
-            self._look_at_rest().serve()
+            asked = self._look_at_rest().wait(_IDLE_NS)
+            self._look_at_rest().serve(asked=asked)
         self._serve_hot_or_wait()
-        if self._served >= _REST_EVERY or self._quiet_waits > 0:
+        if self._served >= _REST_EVERY or (self._quiet_waits > 0 and not idle):
             self._served = 0
             self._look_at_rest().serve()
 
@@ -324,8 +325,12 @@ class _Rest:
             return False
         return True
 
-    def wait(self, timeout_ns: int) -> None:
-        """Wait for anything, hot or not; what waitables have is handled at once."""
+    def wait(self, timeout_ns: int) -> bool:
+        """Wait for anything, hot or not; what waitables have is handled at once.
+
+        Returns:
+            Whether there is a request or a response to serve.
+        """
         wait_set = self._wait_set
         wait_set.clear_entities()
         for subscription in self._awaited:
@@ -343,14 +348,28 @@ class _Rest:
         wait_set.wait(0 if self._desk.busy else timeout_ns)
         for waitable in [w for w in self._waitables if w.is_ready(wait_set)]:
             self._desk.guard.run("action", partial(_execute, waitable))
+        ready = wait_set.get_ready_entities
+        return bool(self._desk.busy or ready("service") or ready("client"))
 
-    def serve(self) -> None:
-        """Serve what is there without waiting: all messages, and one request of each service."""
+    def serve(self, *, asked: bool = True) -> None:
+        """Serve what is there without waiting: all messages, and one request of each service.
+
+        Args:
+            asked: False if `wait` has just found no request and no response: to look for them costs
+                as much as all the rest.
+        """
         for subscription in self._subscriptions:
             subscription.serve_all()
+        if asked:
+            self._serve_services()
+        self._desk.send_again()
+        for timer in self._timers:
+            _serve_timer(timer)
+
+    def _serve_services(self) -> None:
+        """Serve one request of each service, and the response that each client has."""
         for service in self._services:
             self._desk.serve(service)
-        self._desk.send_again()
         for client in self._clients:
             kind: Any = client.srv_type
             header, response = client.handle.take_response(kind.Response)
@@ -358,8 +377,6 @@ class _Rest:
                 with contextlib.suppress(KeyError):
                     sequence = header.request_id.sequence_number
                     client.get_pending_request(sequence).set_result(response)
-        for timer in self._timers:
-            _serve_timer(timer)
 
     def close(self) -> None:
         for subscription in self._subscriptions:
