@@ -1,4 +1,4 @@
-"""Poses of the base over the last 2 s, for images that come late."""
+"""Poses of the base and joints over the last 2 s, for images that come late."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ import numpy as np
 from husky_description.arrays import Array
 
 _KEPT = 100
-"""Poses: 2 s of odometry at 50 Hz."""
+"""Poses, and joint positions: 2 s at 50 Hz."""
 _LONGEST_GAP_NS = 200_000_000
-"""Between two poses, beyond which nothing between them is known [ns]."""
+"""Between two of them, beyond which nothing between them is known [ns]."""
 
 
 class BasePose(NamedTuple):
@@ -79,6 +79,46 @@ class PoseHistory:
         return BasePose(
             rotation_matrix(mixed / np.sqrt(mixed @ mixed)), here + share * (there - here)
         )
+
+
+class JointHistory:
+    """The newest joint positions, by their stamps."""
+
+    def __init__(self) -> None:
+        """Start without any."""
+        self._times: deque[int] = deque(maxlen=_KEPT)
+        self._positions: deque[Array] = deque(maxlen=_KEPT)
+
+    def add(self, time_ns: int, positions: Array) -> None:
+        """Add joint positions (12,) [rad] of a time [ns].
+
+        A time before the newest is that of a world that has started again: the rest is forgotten.
+        """
+        if self._times and time_ns == self._times[-1]:
+            return
+        if self._times and time_ns < self._times[-1]:
+            self._times.clear()
+            self._positions.clear()
+        self._times.append(time_ns)
+        self._positions.append(positions)
+
+    def at(self, time_ns: int) -> Array | None:
+        """Return the joint positions (12,) [rad] at a time [ns]; None where they are not known.
+
+        They are interpolated along a line, which over 20 ms a joint that swings by 0.5 rad at 2 Hz
+        leaves by 4 mrad.
+        """
+        after = bisect.bisect_left(self._times, time_ns)
+        if after == len(self._times):
+            return None
+        if self._times[after] == time_ns:
+            return self._positions[after]
+        if after == 0 or self._times[after] - self._times[after - 1] > _LONGEST_GAP_NS:
+            return None
+        start, end = self._times[after - 1], self._times[after]
+        here, there = self._positions[after - 1], self._positions[after]
+        between: Array = here + (time_ns - start) / (end - start) * (there - here)
+        return between
 
 
 def rotation_matrix(quaternion: Array) -> Array:

@@ -7,7 +7,7 @@ from husky_description.kinematics import Kinematics
 from husky_description.robot import load_robot
 from husky_navigation.depth_view import PinholeCamera
 from husky_navigation.ground_mapper import GroundMapper
-from husky_navigation.pose_history import PoseHistory, rotation_matrix
+from husky_navigation.pose_history import JointHistory, PoseHistory, rotation_matrix
 
 ROBOT = load_robot()
 JOINTS = np.array(ROBOT.stand_joint_position)
@@ -180,6 +180,19 @@ def test_half_an_image_leaves_the_other_half_of_the_map_as_it_was():
     for time in range(700, 2000, 50):
         ground.add_image(time * MS, covered, PINHOLE)
     assert seen(ground) >= 0.98 * before > 1000
+
+
+def test_joints_between_two_are_interpolated_and_not_guessed():
+    history = JointHistory()
+    assert history.at(0) is None
+    for time, angle in ((0, 0.0), (20, 0.1), (20, 9.0), (40, 0.3), (400, 0.5)):
+        history.add(time * MS, np.full(12, angle))
+    for time, angle in ((0, 0.0), (5, 0.025), (20, 0.1), (30, 0.2), (400, 0.5)):
+        np.testing.assert_allclose(history.at(time * MS), np.full(12, angle))
+    assert history.at(-1) is None and history.at(401 * MS) is None, "before and after"
+    assert history.at(200 * MS) is None, "a gap"
+    history.add(10 * MS, np.zeros(12))
+    assert history.at(20 * MS) is None, "of a world that has started again"
 
 
 def test_poses_between_two_are_interpolated():

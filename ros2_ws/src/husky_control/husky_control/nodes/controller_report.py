@@ -91,6 +91,7 @@ class ControllerReport:
         state.phase = legs.phase
         state.stance = (~legs.swinging).tolist()
         state.contact = contact.tolist()
+        state.joint_positions = body.measurements.joint_position
         state.position = position
         state.orientation = body.measurements.orientation_base_in_world
         state.velocity = body.estimator.velocity

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import struct
 import sys
 import time
 from collections import deque
@@ -15,12 +14,10 @@ from grid_map_msgs.msg import GridMap
 from nav_msgs.msg import OccupancyGrid, Odometry
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
-from sensor_msgs.msg import CameraInfo, Image, JointState
+from sensor_msgs.msg import CameraInfo, Image
 from std_srvs.srv import Trigger
 
-from husky_description.arrays import Array
 from husky_description.parameters import Bounds, bounds_of
 from husky_msgs.msg import ControllerState
 from husky_navigation.depth_view import DepthImage, DepthView, PinholeCamera
@@ -28,6 +25,7 @@ from husky_navigation.elevation_map import ElevationMap
 from husky_navigation.ground_mapper import GroundMapper
 from husky_navigation.map_parameters import MapParameters
 from husky_navigation.nodes.map_messages import grid_map_message, occupancy_message
+from husky_navigation.pose_history import JointHistory
 from husky_navigation.surface import surface_of
 from husky_runtime import graph
 from husky_runtime.nodes import diagnostics, qos, stamps
@@ -47,13 +45,8 @@ _TUNABLE = {
     "most_roughness": "deviation from a plane that counts as an obstacle [m]",
 }
 """Fields of `MapParameters` that are parameters of the node."""
-_HISTORY = QoSProfile(depth=128, reliability=ReliabilityPolicy.BEST_EFFORT)
-"""Ten joint states come for each odometry message, and are taken with it; the depth covers a
-burst."""
-_JOINTS_KEPT = 500
-"""Joint states: 1 s."""
-_JOINTS_NEAR_NS = 5_000_000
-"""From the time that is looked up, within which joint states tell the joints [ns]."""
+_REPORTS = QoSProfile(depth=64, reliability=ReliabilityPolicy.RELIABLE)
+"""Five poses and states of the controller come for each image, and are taken with it."""
 _UNKNOWN = 0.5
 """Variance of the velocity on `/odometry` from which on the base is not known [m^2/s^2]: it says 1
 of a robot that falls or hangs."""
@@ -61,9 +54,6 @@ _SILENT_NS = 1_000_000_000
 """Time without an image that is a fault [ns]."""
 _TIMES_KEPT = 1024
 """Images and maps whose times are kept."""
-_STAMP = struct.Struct("<iI")
-_ENCAPSULATION = 4
-"""Bytes before the stamp with which a serialised `sensor_msgs/JointState` begins."""
 
 
 class ElevationMapper(OneClock, Node):
@@ -77,7 +67,7 @@ class ElevationMapper(OneClock, Node):
         what = "between two maps, in the images' time [s]"
         self._period_ns = round(1e9 * declare(self, "publish_period", 1.0, what, 0.05, 60.0))
         _warm_up(parameters)
-        self._joints = _JointHistory()
+        self._joints = JointHistory()
         self.mapper = GroundMapper(robot, self._joints.at, parameters)
         self.hot: Sequence[Subscription] = []
         self._camera: PinholeCamera | None = None
@@ -105,23 +95,24 @@ class ElevationMapper(OneClock, Node):
         return MapParameters(**values)
 
     def _listen(self) -> None:
-        """Subscribe; joints first, which are taken before what is looked up in them."""
-        self._joint_states = self.create_subscription(
-            JointState, graph.JOINT_STATES, self._joints.add, _HISTORY, raw=True
-        )
-        self.create_subscription(
+        """Subscribe; images last, which need what has come before them."""
+        info = self.create_subscription(
             CameraInfo, graph.DEPTH_CAMERA_INFO, self._on_camera_info, qos.STATUS
         )
-        self.create_subscription(Image, graph.DEPTH_IMAGE, self._on_image, qos.STATUS)
-        self.create_subscription(Odometry, graph.ODOMETRY, self._on_odometry, qos.STATUS)
-        self.create_subscription(
-            ControllerState, graph.CONTROLLER_STATE, self._on_controller_state, qos.STATUS
+        odometry = self.create_subscription(Odometry, graph.ODOMETRY, self._on_odometry, _REPORTS)
+        state = self.create_subscription(
+            ControllerState, graph.CONTROLLER_STATE, self._on_controller_state, _REPORTS
         )
+        self.create_subscription(Image, graph.DEPTH_IMAGE, self._on_image, qos.STATUS)
+        self._taken_with_images = info, odometry, state
 
     @property
     def unawaited(self) -> tuple[Subscription, ...]:
-        """Joint states, 500 a second, need not wake the node either."""
-        return (*super().unawaited, self._joint_states)
+        """Images alone wake the node: what they need has come before them, 110 messages a second.
+
+        An image that has to wait for its pose is looked at 50 ms later.
+        """
+        return (*super().unawaited, *self._taken_with_images)
 
     # Measurements -------------------------------------------------------------------------------
     def _on_camera_info(self, info: CameraInfo) -> None:
@@ -161,9 +152,11 @@ class ElevationMapper(OneClock, Node):
         self._publish_if_due()
 
     def _on_controller_state(self, state: ControllerState) -> None:
+        stamp = stamps.to_ns(state.stamp)
         standing = np.array(state.stance) & np.array(state.contact)
+        self._joints.add(stamp, np.array(state.joint_positions))
         with self._timed_images():
-            self.mapper.add_contacts(stamps.to_ns(state.stamp), standing)
+            self.mapper.add_contacts(stamp, standing)
 
     def _on_clear(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self.mapper.clear()
@@ -298,40 +291,6 @@ class _WorkTimes:
             for name, times in (("ms", wall), ("cpu_ms", processor))
             for percent in (50, 99)
         }
-
-
-class _JointHistory:
-    """Joint states of the last second as bytes: only those that are looked up are decoded."""
-
-    def __init__(self) -> None:
-        self._kept: deque[tuple[int, bytes]] = deque(maxlen=_JOINTS_KEPT)
-
-    def add(self, data: bytes) -> None:
-        """Keep a serialised `sensor_msgs/JointState`."""
-        if len(data) < _ENCAPSULATION + _STAMP.size or data[1] != 1:
-            raise Refused(f"{len(data)} bytes are no little-endian sensor_msgs/JointState")
-        seconds, nanoseconds = _STAMP.unpack_from(data, _ENCAPSULATION)
-        stamp = seconds * 1_000_000_000 + nanoseconds
-        if self._kept and stamp < self._kept[-1][0]:
-            self._kept.clear()  # the world has started again
-        self._kept.append((stamp, data))
-
-    def at(self, time_ns: int) -> Array | None:
-        """Return the joints (12,) [rad] nearest to a time [ns]; None where there are none."""
-        nearest, data = _JOINTS_NEAR_NS, b""
-        for stamp, kept in reversed(self._kept):  # what is looked up is among the newest
-            distance = abs(stamp - time_ns)
-            if distance <= nearest:
-                nearest, data = distance, kept
-            elif stamp < time_ns:
-                break  # the rest is older still
-        if not data:
-            return None
-        try:
-            joints = np.array(deserialize_message(data, JointState).position)
-        except RuntimeError:
-            return None
-        return joints if joints.shape == (12,) and np.isfinite(joints).all() else None
 
 
 def _depth_of(image: Image) -> DepthImage:
