@@ -29,6 +29,8 @@ _HIGH, _FAILED = 3, 0
 """Confidence of the T265."""
 _RESTART_NS = 1_000_000_000
 """A stamp so far back is that of a world that has started again [ns]."""
+_SILENT_NS = 1_000_000_000
+"""Time without odometry that is a fault [ns]."""
 _POSES = QoSProfile(depth=64, reliability=ReliabilityPolicy.BEST_EFFORT)
 """Four poses of the T265 come for each message of odometry, and are taken with it; the depth covers
 a burst."""
@@ -130,6 +132,10 @@ class Localizer(OneClock, Node):
         state = frame.state
         if self._stamp < 0:
             return diagnostics.WARN, "waiting for odometry", values
+        silent = self.get_clock().now().nanoseconds - self._stamp
+        if silent > _SILENT_NS:
+            text = f"no odometry for {silent / 1e9:.1f} s: the pose is old"
+            return diagnostics.WARN, text, values
         bad = state in (LocalizerState.FROZEN, LocalizerState.LOST)
         return diagnostics.WARN if bad else diagnostics.OK, state.value, values
 
