@@ -189,14 +189,16 @@ class Probe:
         stamp = self._session.truth.header.stamp
         return stamp.sec + 1e-9 * stamp.nanosec
 
-    def walk_for(self, seconds: float, until: Callable[[], bool] = lambda: False) -> None:
-        """Command a velocity for a while of wall time [s], or `until`.
+    def walk_for(
+        self, seconds: float, until: Callable[[], bool] = lambda: False, speed: float = 0.4
+    ) -> None:
+        """Command a velocity ahead [m/s] for a while of wall time [s], or `until`.
 
         Asleep otherwise: whoever takes every message here has a fifth of a processor, and it is the
         graph's time that is measured. Reports come once a second and stay in their queue.
         """
         twist = Twist()
-        twist.linear.x = 0.4
+        twist.linear.x = speed
         end = time.monotonic() + seconds
         while time.monotonic() < end and not until():
             self._session.publish_twist(twist)
