@@ -110,7 +110,9 @@ def bench(arguments: list[str]) -> dict[str, Any]:
     with _Graph(domain, eyes=False) as blind, _Graph((domain + 1) % 100, eyes=True) as eyes:
         at_the_end = False
         while len(pairs) < options.pairs and not at_the_end:
-            pairs.append(_walk_in_turn(blind, eyes, options.seconds, eyes_first=len(pairs) % 2))
+            pairs.append(
+                _walk_in_turn(blind, eyes, options.seconds, eyes_first=len(pairs) % 2 == 1)
+            )
             at_the_end = pairs[-1].blind.at_the_end or pairs[-1].eyes.at_the_end
             print(f"pair {len(pairs)}: {pairs[-1].ratio:.2f}", flush=True)
         times = eyes.ask("times")

@@ -71,8 +71,9 @@ class DepthRays:
         lens = model.site(LENS).id
         seen = (model.geom_group != VISUAL_GROUP) & (model.geom_bodyid != model.body(CARRIER).id)
         geoms = geoms_of(self._model, self._data, seen)
-        right: Array = (np.arange(intrinsics.width) - intrinsics.cx) / intrinsics.fx
-        below: Array = (np.arange(intrinsics.height) - intrinsics.cy) / intrinsics.fy
+        columns, rows = (np.arange(float(n)) for n in (intrinsics.width, intrinsics.height))
+        right: Array = (columns - intrinsics.cx) / intrinsics.fx
+        below: Array = (rows - intrinsics.cy) / intrinsics.fy
         axes = self._data.site_xmat[lens].reshape(3, 3)
         self._scene = geoms, Pinhole(right, below), self._data.site_xpos[lens], axes
         # The kernel is compiled, or loaded, before an image waits for it.
