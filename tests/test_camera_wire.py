@@ -1,5 +1,6 @@
 """The plant's wire of the depth camera against the driver's backend, without a graph."""
 
+import dataclasses
 import threading
 import types
 
@@ -42,11 +43,12 @@ def world():
 class Bench:
     """A world that stands still but for its time, the camera's wire, and the driver's end."""
 
-    def __init__(self, context, world, path, lockstep):
+    def __init__(self, context, world, path, lockstep, rate):
         port = Parameter("d435_port", value=str(path))
         self.node = rclpy.create_node("plant", context=context, parameter_overrides=[port])
+        robot = dataclasses.replace(ROBOT, d435=dataclasses.replace(ROBOT.d435, rate=rate))
         self.world = types.SimpleNamespace(
-            has_legs=True, robot=ROBOT, model=world.model, data=world.data, time_ns=0
+            has_legs=True, robot=robot, model=world.model, data=world.data, time_ns=0
         )
         self.wire = CameraWire(self.node, self.world, 1, GRACE, lockstep)
         self.driver = SimBackend(str(path))
@@ -88,8 +90,8 @@ class Bench:
 def make_bench(context, world, tmp_path):
     benches = []
 
-    def make(lockstep=True):
-        benches.append(Bench(context, world, tmp_path / "d435", lockstep))
+    def make(lockstep=True, rate=ROBOT.d435.rate):
+        benches.append(Bench(context, world, tmp_path / "d435", lockstep, rate))
         return benches[-1]
 
     yield make
@@ -109,6 +111,15 @@ def test_the_world_waits_until_the_driver_has_taken_the_image(make_bench):
     assert bench.advance_to(LATEST_NS + PERIOD_NS) == LATEST_NS + PERIOD_NS
     assert [frame.number for frame in bench.take()] == [1]
     assert bench.wire.ready() and bench.wire.peer.losses == 0
+
+
+@pytest.mark.parametrize("rate", [30.0, 60.0, 90.0])
+def test_the_world_waits_before_the_next_image(make_bench, rate):
+    bench = make_bench(rate=rate)
+    assert bench.wire.is_set_up()
+    period, latency = round(1e9 / rate), round(1e9 * ROBOT.d435.latency)
+    waits = bench.advance_to(period + latency + period - graph.TICK_PERIOD_NS)
+    assert period + latency < waits
 
 
 def test_a_silent_driver_is_given_up(make_bench):

@@ -117,6 +117,11 @@ def sight(seeing_of_module: Robot) -> Sight:
     return Sight(robot)
 
 
+def test_the_world_began_with_its_camera(sight):
+    """The plant has not given up the driver before it listened."""
+    assert sight.robot.told(graph.PLANT, "peer_losses") == 0
+
+
 def test_camera_frozen_and_unplugged(sight):
     """The map is kept and reported as old; feet on the ground still go into it."""
     sight.inject("freeze")

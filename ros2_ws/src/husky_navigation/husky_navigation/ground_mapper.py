@@ -31,6 +31,8 @@ _JUMP, _FASTEST = 0.5, 3.0
 to it in time [m/s]."""
 _WAITING = 5
 """Images that wait for their pose and joints at most."""
+_CONTACTS_WAITING = 100
+"""Contacts that wait for theirs at most: 2 s, they are taken in bursts."""
 _LATE_NS = 100_000_000
 """Joints that are later than a pose by this do not come any more [ns]."""
 
@@ -96,7 +98,7 @@ class GroundMapper:
         """Forget the map and what waits for its pose."""
         self.map.clear()
         self._images: deque[_Image] = deque()
-        self._contacts: deque[_Contacts] = deque(maxlen=2 * _WAITING)
+        self._contacts: deque[_Contacts] = deque(maxlen=_CONTACTS_WAITING)
         self._firm = np.zeros(4, dtype=np.int64)
         self._seeded = False
         self.last: ImageReport | None = None

@@ -116,6 +116,16 @@ def test_feet_that_stand_fill_the_ground_that_the_camera_never_sees():
     assert ground.map.elevation[index] == pytest.approx(0.0, abs=0.003)
 
 
+def test_footholds_of_a_burst_of_contacts_are_kept():
+    """A node that was not woken for 1 s takes all contacts, then all poses."""
+    ground = mapper()
+    stand(ground, 0, 0)
+    for time in range(20, 1001, 20):
+        ground.add_contacts(time * MS, np.ones(4, dtype=bool))
+    stand(ground, 20, 1000)
+    assert ground.counts["footholds"] == 4
+
+
 def test_a_foot_that_has_just_touched_is_no_foothold():
     ground = mapper()
     stand(ground, 0, 200)

@@ -95,16 +95,16 @@ class ElevationMapper(OneClock, Node):
         return MapParameters(**values)
 
     def _listen(self) -> None:
-        """Subscribe; images last, which need what has come before them."""
+        """Subscribe, in the order in which messages are taken: joints, poses, then images."""
         info = self.create_subscription(
             CameraInfo, graph.DEPTH_CAMERA_INFO, self._on_camera_info, qos.STATUS
         )
-        odometry = self.create_subscription(Odometry, graph.ODOMETRY, self._on_odometry, _REPORTS)
         state = self.create_subscription(
             ControllerState, graph.CONTROLLER_STATE, self._on_controller_state, _REPORTS
         )
+        odometry = self.create_subscription(Odometry, graph.ODOMETRY, self._on_odometry, _REPORTS)
         self.create_subscription(Image, graph.DEPTH_IMAGE, self._on_image, qos.STATUS)
-        self._taken_with_images = info, odometry, state
+        self._taken_with_images = info, state, odometry
 
     @property
     def unawaited(self) -> tuple[Subscription, ...]:

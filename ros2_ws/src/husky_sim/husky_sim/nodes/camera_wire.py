@@ -22,8 +22,8 @@ _TARGET = "d435"
 _LOOK_NS = 10_000_000
 """Simulated time between two looks at the wire, unless the world waits for the driver [ns]."""
 _TAKING_NS = 20_000_000
-"""Simulated time that the driver has to take an image before the world waits for it [ns]: it works
-meanwhile, beside the physics."""
+"""Simulated time that the driver has to take an image before the world waits for it [ns], less
+where the next image comes earlier: it works meanwhile, beside the physics."""
 
 
 class _Exposure(NamedTuple):
@@ -85,6 +85,7 @@ class CameraWire:
         )
         self._period_ns = round(1e9 / figures.rate)
         self._latency_ns = round(1e9 * figures.latency)
+        self._taking_ns = min(_TAKING_NS, self._period_ns - 2 * graph.TICK_PERIOD_NS)
         self._most_under_way = 2 + self._latency_ns // self._period_ns
         self._thread = ThreadPoolExecutor(1, "d435")
         self._exposures: deque[_Exposure] = deque()
@@ -133,7 +134,7 @@ class CameraWire:
 
     def ready(self) -> bool:
         """Return whether the driver has taken what it had to take by now, or is given up."""
-        late = self._world.time_ns >= self._sent_ns + _TAKING_NS
+        late = self._world.time_ns >= self._sent_ns + self._taking_ns
         return not self._lockstep or not late or self.peer.ready(self._sent_ns)
 
     def service(self) -> bool:

@@ -119,8 +119,10 @@ class Plant(OneClock, Node):
     def _serve_camera(self) -> bool:
         """Carry what is on the camera's wire; go on when its driver has taken an image."""
         assert self._camera is not None
-        # Each tick and each quiet moment look at the wire anyway.
-        if self._camera.ready() or not self._camera.service():
+        # While the world steps, each tick and each quiet moment look at the wire anyway.
+        if self._lockstep and self._started and self._camera.ready():
+            return False
+        if not self._camera.service():
             return False
         self._on_answer()
         return True
