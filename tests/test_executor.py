@@ -189,7 +189,9 @@ def test_what_comes_over_a_wire_while_it_waits_is_carried_at_once(node, monkeypa
         monkeypatch.setattr(*waits, lambda *_: not wire.append("bytes"))
         serve = executor._look_at_rest().serve
         monkeypatch.setattr(
-            executor._look_at_rest(), "serve", lambda: serve() or carried.append("the rest")
+            executor._look_at_rest(),
+            "serve",
+            lambda **asked: serve(**asked) or carried.append("the rest"),
         )
         executor.spin_once()
         assert carried[0] == "bytes"
@@ -203,7 +205,7 @@ def test_a_node_that_nothing_is_urgent_to_is_looked_through_once_a_wait(node, mo
     try:
         rest = executor._look_at_rest()
         serve = rest.serve
-        monkeypatch.setattr(rest, "serve", lambda: looks.append(serve()))
+        monkeypatch.setattr(rest, "serve", lambda **asked: looks.append(serve(**asked)))
         for _ in range(5):
             executor.end_wait()
             executor.spin_once()
