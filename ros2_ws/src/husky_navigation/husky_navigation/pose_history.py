@@ -63,17 +63,11 @@ class PoseHistory:
         The position is interpolated along a line; the attitude along the chord of its quaternions,
         which over 20 ms differs from the arc by less than a microradian.
         """
-        after = bisect.bisect_left(self._times, time_ns)
-        if after == len(self._times):
+        found = _bracket(self._times, time_ns)
+        if found is None:
             return None
-        if self._times[after] == time_ns:
-            orientation, position = self._poses[after]
-            return BasePose(rotation_matrix(orientation), position)
-        if after == 0 or self._times[after] - self._times[after - 1] > _LONGEST_GAP_NS:
-            return None
-        start, end = self._times[after - 1], self._times[after]
-        share = (time_ns - start) / (end - start)
-        (first, here), (second, there) = self._poses[after - 1], self._poses[after]
+        before, after, share = found
+        (first, here), (second, there) = self._poses[before], self._poses[after]
         nearer = second if first @ second >= 0.0 else -second
         mixed = (1.0 - share) * first + share * nearer
         return BasePose(
@@ -108,17 +102,32 @@ class JointHistory:
         They are interpolated along a line, which over 20 ms a joint that swings by 0.5 rad at 2 Hz
         leaves by 4 mrad.
         """
-        after = bisect.bisect_left(self._times, time_ns)
-        if after == len(self._times):
+        found = _bracket(self._times, time_ns)
+        if found is None:
             return None
-        if self._times[after] == time_ns:
-            return self._positions[after]
-        if after == 0 or self._times[after] - self._times[after - 1] > _LONGEST_GAP_NS:
-            return None
-        start, end = self._times[after - 1], self._times[after]
-        here, there = self._positions[after - 1], self._positions[after]
-        between: Array = here + (time_ns - start) / (end - start) * (there - here)
+        before, after, share = found
+        here, there = self._positions[before], self._positions[after]
+        between: Array = here + share * (there - here)
         return between
+
+
+def _bracket(times: deque[int], time_ns: int) -> tuple[int, int, float] | None:
+    """Return the places around a time [ns], and its share of the way; None where it is not known.
+
+    Args:
+        times: ascending [ns].
+        time_ns: looked up [ns]. One that is there is both places, with share 0.
+    """
+    after = bisect.bisect_left(times, time_ns)
+    if after == len(times):
+        return None
+    end = times[after]
+    if end == time_ns:
+        return after, after, 0.0
+    if after == 0 or end - times[after - 1] > _LONGEST_GAP_NS:
+        return None
+    start = times[after - 1]
+    return after - 1, after, (time_ns - start) / (end - start)
 
 
 def rotation_matrix(quaternion: Array) -> Array:

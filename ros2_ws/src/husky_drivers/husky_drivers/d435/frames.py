@@ -9,6 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from husky_description.arrays import Array
+
 DepthImage = NDArray[np.uint16]
 """Depth along the optical axis in units of the frame's `depth_unit`, 0 where there is none;
 shape (height, width), row 0 at the top, column 0 on the left as the camera sees it."""
@@ -44,6 +46,13 @@ class Intrinsics(NamedTuple):
         fx = width / 2.0 / math.tan(field[0] / 2.0)
         fy = height / 2.0 / math.tan(field[1] / 2.0)
         return cls(width, height, fx, fy, (width - 1) / 2.0, (height - 1) / 2.0)
+
+    @property
+    def slopes(self) -> tuple[Array, Array]:
+        """Slopes of the rays to the right, of each column, and downwards, of each row."""
+        right: Array = (np.arange(float(self.width)) - self.cx) / self.fx
+        below: Array = (np.arange(float(self.height)) - self.cy) / self.fy
+        return right, below
 
     @property
     def camera_matrix(self) -> list[float]:
@@ -102,8 +111,9 @@ class Deprojection:
         self.intrinsics = intrinsics
         i = intrinsics
         rays = np.ones((i.height, i.width, 3), np.float32)
-        rays[:, :, 0] = (np.arange(i.width) - i.cx) / i.fx
-        rays[:, :, 1] = ((np.arange(i.height) - i.cy) / i.fy)[:, None]
+        right, below = i.slopes
+        rays[:, :, 0] = right
+        rays[:, :, 1] = below[:, None]
         self._rays = rays.reshape(-1, 3)
 
     def points(self, frame: DepthFrame) -> NDArray[np.float32]:

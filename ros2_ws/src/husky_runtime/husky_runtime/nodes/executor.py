@@ -329,7 +329,7 @@ class _Rest:
         """Wait for anything, hot or not; what waitables have is handled at once.
 
         Returns:
-            Whether there is a request or a response to serve.
+            True if there is a request or a response to serve.
         """
         wait_set = self._wait_set
         wait_set.clear_entities()

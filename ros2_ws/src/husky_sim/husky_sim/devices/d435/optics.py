@@ -13,7 +13,7 @@ from husky_description.plain_mujoco import mujoco
 from husky_description.sections import D435Section
 from husky_drivers.d435.frames import DepthImage, Intrinsics
 from husky_sim.devices.d435.errors import StereoErrors
-from husky_sim.devices.d435.ray_casting import Pinhole, cast, geoms_of
+from husky_sim.devices.d435.ray_casting import cast, geoms_of
 
 CARRIER, LENS = "base", "d435"
 """Names of the body that carries the camera, and of the site at camera_link (x along the view)."""
@@ -71,11 +71,8 @@ class DepthRays:
         lens = model.site(LENS).id
         seen = (model.geom_group != VISUAL_GROUP) & (model.geom_bodyid != model.body(CARRIER).id)
         geoms = geoms_of(self._model, self._data, seen)
-        columns, rows = (np.arange(float(n)) for n in (intrinsics.width, intrinsics.height))
-        right: Array = (columns - intrinsics.cx) / intrinsics.fx
-        below: Array = (rows - intrinsics.cy) / intrinsics.fy
         axes = self._data.site_xmat[lens].reshape(3, 3)
-        self._scene = geoms, Pinhole(right, below), self._data.site_xpos[lens], axes
+        self._scene = geoms, intrinsics.slopes, self._data.site_xpos[lens], axes
         # The kernel is compiled, or loaded, before an image waits for it.
         self.cast(WorldSnapshot.of(self._data))
 

@@ -34,7 +34,7 @@ SHAPES = {
 _MISS = math.inf, -math.inf
 """Interval of a ray that does not meet a shape."""
 _PARALLEL = 1e-15
-"""Slope of a ray in a face's axis below which it never meets the face."""
+"""Slope of a ray, or its square, below which the ray never meets a face or a cylinder's side."""
 
 Interval = tuple[float, float]
 """Depths at which a ray enters a shape and leaves it; the first is greater for a miss."""
@@ -58,18 +58,6 @@ class Geoms(NamedTuple):
     bound: Array
     position: Array
     axes: Array
-
-
-class Pinhole(NamedTuple):
-    """Slopes of a camera's rays against its view.
-
-    Attributes:
-        right: of each column, to the right (width,).
-        below: of each row, downwards (height,).
-    """
-
-    right: Array
-    below: Array
 
 
 def geoms_of(model: mujoco.MjModel, data: mujoco.MjData, seen: NDArray[np.bool_]) -> Geoms:
@@ -101,37 +89,40 @@ def geoms_of(model: mujoco.MjModel, data: mujoco.MjData, seen: NDArray[np.bool_]
 
 
 @njit(cache=True, nogil=True)
-def cast(geoms: Geoms, pinhole: Pinhole, position: Array, axes: Array, depth: Array) -> None:
+def cast(
+    geoms: Geoms, slopes: tuple[Array, Array], position: Array, axes: Array, depth: Array
+) -> None:
     """Write the depth along the optical axis at which each ray meets a geom first, inf for none.
 
     Args:
         geoms: what there is.
-        pinhole: the rays.
+        slopes: of the rays, from `Intrinsics.slopes` (width,), (height,).
         position: of the lens in world [m] (3,).
         axes: of the lens in world: x along the view, y to the left, z up (3, 3).
         depth: written [m] (height, width).
     """
     depth[:] = math.inf
     lens = vector(position)
+    right, below = slopes
     for index in geoms.seen:
         frame = geoms.axes[index].reshape(3, 3)
         center = vector(geoms.position[index])
         kind, size = geoms.kind[index], vector(geoms.size[index])
-        first_row, end_row, first, end = 0, len(pinhole.below), 0, len(pinhole.right)
+        first_row, end_row, first, end = 0, len(below), 0, len(right)
         if kind != _PLANE:
             ahead, left, up = transposed_product(axes, difference(center, lens))
             bound = geoms.bound[index]
-            first, end = _window(ahead, -left, bound, pinhole.right)
-            first_row, end_row = _window(ahead, -up, bound, pinhole.below)
+            first, end = _window(ahead, -left, bound, right)
+            first_row, end_row = _window(ahead, -up, bound, below)
         # Everything else in the geom's own frame, per metre of depth.
         start = transposed_product(frame, difference(lens, center))
         view = transposed_product(frame, vector(axes[:, 0]))
         leftward = transposed_product(frame, vector(axes[:, 1]))
         upward = transposed_product(frame, vector(axes[:, 2]))
         for row in range(first_row, end_row):
-            along = _less(view, pinhole.below[row], upward)
+            along = _less(view, below[row], upward)
             for column in range(first, end):
-                ray = _less(along, pinhole.right[column], leftward)
+                ray = _less(along, right[column], leftward)
                 enter, leave = _meet(kind, size, start, ray)
                 if enter > leave or leave < 0.0:
                     continue
@@ -212,9 +203,11 @@ def _between(half: float, start: float, slope: float) -> Interval:
 @njit(cache=True)
 def _roots(a: float, half_b: float, c: float) -> Interval:
     """Return between which depths a t^2 + 2 half_b t + c is not positive."""
+    if a < _PARALLEL:  # along the axis of a cylinder
+        return (-math.inf, math.inf) if c <= 0.0 else _MISS
     discriminant = half_b * half_b - a * c
-    if discriminant < 0.0 or a < _PARALLEL:
-        return (-math.inf, math.inf) if a < _PARALLEL and c <= 0.0 else _MISS
+    if discriminant < 0.0:
+        return _MISS
     root = math.sqrt(discriminant)
     return (-half_b - root) / a, (-half_b + root) / a
 
