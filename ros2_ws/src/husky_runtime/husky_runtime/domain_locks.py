@@ -12,11 +12,12 @@ the number of the process.
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import fcntl
 import os
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
 from husky_runtime import graph, record_lock
@@ -31,6 +32,10 @@ _ORPHANS_PATIENCE = 3.0
 """The same for nodes whose starter is gone, and which end by themselves [s]."""
 _LARGEST_DOMAIN = 232
 """Beyond it DDS has no ports left (RTPS 2.2, 9.6.1.1)."""
+
+
+FREE_DOMAINS = range(1, 101)
+"""Domains to choose from: above 101 the ports of DDS are those that Linux gives to any program."""
 
 
 class OccupiedError(OSError):
@@ -53,6 +58,46 @@ def occupied(domain: int, who: Mapping[str, str], namespace: str = "/") -> Occup
         f"this robot runs already in ROS domain {domain}{where}: {nodes}; end it, or choose "
         f"another domain with ROS_DOMAIN_ID"
     )
+
+
+@contextlib.contextmanager
+def free_domain(first: int = 0, domains: range = FREE_DOMAINS) -> Iterator[int]:
+    """Hold a ROS domain in which no robot on this machine is, and which nobody else holds.
+
+    Args:
+        first: index of the domain to try first, modulo their number.
+        domains: to choose from.
+
+    Raises:
+        OccupiedError: all are in use.
+        OSError: there can be no lock.
+    """
+    for offset in range(len(domains)):
+        number = domains[(first + offset) % len(domains)]
+        with _held_lock(_directory(number, {}, "/") / "domain.lock") as held:
+            if held and not occupants(graph.NODES, number, {}):
+                yield number
+                return
+    raise OccupiedError(f"ROS domains {domains[0]} to {domains[-1]} are all in use")
+
+
+@contextlib.contextmanager
+def _held_lock(path: Path) -> Iterator[bool]:
+    """Hold a lock, unless somebody else does or has its directory; give whether it is held."""
+    try:
+        descriptor = record_lock.open_file(path)
+    except PermissionError:
+        yield False
+        return
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        held = True
+    except BlockingIOError:
+        held = False
+    try:
+        yield held
+    finally:
+        os.close(descriptor)
 
 
 def hold(name: str, domain: int, namespace: str = "/") -> None:
