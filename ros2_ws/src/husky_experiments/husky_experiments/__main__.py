@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import argparse
 import errno
 import os
 import sys
-from pathlib import Path
 
-from husky_bringup.bringup import add_bus_option
 from husky_bringup.front import end_by_signals
-from husky_bringup.settings import HelpFormatter, add_set_option, collect
 from husky_experiments import catalogue as experiments
-from husky_experiments.run import Run, frame_frequency
+from husky_experiments.options import parse_options
+from husky_experiments.run import Run
 from husky_experiments.session import SessionError
 from husky_runtime import graph
 from husky_runtime.domain_locks import domain_of, occupants, occupied
@@ -37,28 +34,7 @@ def main(arguments: list[str]) -> int:
         print(f"error: {error}", file=sys.stderr)
         return 2
     seal_numba_cache()
-    parser = argparse.ArgumentParser(
-        prog=f"scripts/experiment.sh {name}",
-        description=experiment.__doc__,
-        formatter_class=HelpFormatter,
-        conflict_handler="resolve",  # an experiment may take other values of an option
-    )
-    parser.add_argument("--output", type=Path, default=Path("out") / name, help="result directory")
-    parser.add_argument("--no-video", action="store_true", help="do not render a video")
-    parser.add_argument("--no-figures", action="store_true", help="do not draw figures")
-    parser.add_argument(
-        "--compliance",
-        type=frame_frequency,
-        metavar="HZ",
-        help="eigenfrequency of the frame, 10 to 40, 0 for stiff (default: the robot's file)",
-    )
-    add_bus_option(parser)
-    add_set_option(parser, "after the experiment's own parameters; may be given many times")
-    experiment.add_options(parser)
-    options = parser.parse_args(arguments[1:])
-    plant = collect(options.set).get(graph.PLANT, {})
-    if options.compliance is not None and "frame_frequency" in plant:
-        parser.error("argument --compliance: --set plant.frame_frequency is given too")
+    options = parse_options(name, arguments[1:])
     try:
         # Before the results of an earlier run are cleared away: it may still be running.
         domain = domain_of(os.environ)
