@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# Leaves out of an image what only building needs: headers, archives, generators, dialects of MAVLink that nobody speaks.
+# Leaves out of an image what only building needs: headers, archives, generators, dialects of MAVLink that nobody speaks; and
+# the encoder of videos, which need OpenGL.
 # Byte code stays: nodes start in a second with it, and a read-only root cannot make it.
 set -euo pipefail
 root="$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd -P)"
@@ -7,10 +8,12 @@ cd "$root"
 site="$(echo .venv/lib/python3.*/site-packages)"
 
 rm -rf log .venv/include .venv/lib/cmake ros2_ws/log ros2_ws/install/include
-rm -rf "$site"/pip "$site"/pip-* "$site"/mujoco/include "$site"/numpy/_core/include
+rm -rf "$site"/pip "$site"/pip-* "$site"/mujoco/include "$site"/numpy/_core/include "$site"/pyarrow/include \
+    "$site"/imageio_ffmpeg/binaries
 find .venv "ros2_ws/build" \( -name '*.a' -o -name '*.o' -o -name '*.pxd' -o -name '*.pyi' \) -delete
 find "$site" -depth -type d \( -name tests -o -name test \) -path '*/site-packages/*/*' \
-    \( -path '*/numpy/*' -o -path '*/scipy/*' -o -path '*/numba/*' -o -path '*/llvmlite/*' \) -exec rm -rf {} +
+    \( -path '*/numpy/*' -o -path '*/scipy/*' -o -path '*/numba/*' -o -path '*/llvmlite/*' -o -path '*/pandas/*' \
+    -o -path '*/pyarrow/*' -o -path '*/matplotlib/*' -o -path '*/dask/*' \) -exec rm -rf {} +
 find "$site/pymavlink/dialects" -mindepth 2 -type f ! -name '__init__.py' ! -path '*/v20/common.*' -delete
 
 # Of CasADi what the planner uses: its core and IPOPT.

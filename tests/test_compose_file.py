@@ -16,9 +16,10 @@ from husky_runtime import graph
 ROOT = Path(__file__).resolve().parents[1]
 DOCKER = ROOT / "docker"
 PARAMETERS = ["--ros-args", "--params-file", "/run/husky/parameters.yaml"]
-PROFILES = ("sim", "tools", "test", "remote", "navigation", "wire")
+PROFILES = ("sim", "tools", "test", "remote", "navigation", "wire", "campaign")
 NAVIGATION = (graph.D435_DRIVER, graph.ELEVATION_MAPPER, graph.LOCALIZER)
 WIRE = ("wire_bridge", "wire_segment", "wire_robot", "wire_operator")
+CAMPAIGN = ("campaign_scheduler", "campaign_worker", "campaign")
 CAPABILITIES = {"wire_bridge": ["NET_RAW", "NET_ADMIN"], "wire_segment": ["NET_RAW"]}
 """Of the services that have any."""
 
@@ -99,7 +100,7 @@ def test_one_service_for_each_node_of_the_system(services):
     for name, spec in specs.items():
         assert found[name]["command"] == ros2_run(spec) + PARAMETERS, name
     others = set(services) - set(specs)
-    assert others == {"operator", "test", "tools", graph.RECORDER, *WIRE}
+    assert others == {"operator", "test", "tools", graph.RECORDER, *WIRE, *CAMPAIGN}
     recorder = nodes(record="x")[graph.RECORDER]
     assert services[graph.RECORDER]["command"] == ros2_run(recorder)
 
@@ -113,8 +114,9 @@ def test_profiles(services):
     assert services["operator"]["profiles"] == ["sim"]
     assert services["test"]["profiles"] == ["test"]
     assert services["tools"]["profiles"] == services[graph.RECORDER]["profiles"] == ["tools"]
-    for name in WIRE:
-        assert services[name]["profiles"] == ["wire"], name
+    for profile, names in (("wire", WIRE), ("campaign", CAMPAIGN)):
+        for name in names:
+            assert services[name]["profiles"] == [profile], name
 
 
 def test_whoever_needs_the_robot_waits_until_all_of_it_is_healthy(services):
@@ -133,7 +135,8 @@ def test_every_container_is_confined(services):
         assert service["security_opt"] == ["no-new-privileges:true"], name
         assert service["mem_limit"] and service["pids_limit"] and service["cpus"], name
         assert service.get("cap_add", []) == CAPABILITIES.get(name, []), name
-        networks = {"robot", "ethercat"} if name in CAPABILITIES else {"robot"}
+        networks = {"campaign"} if name in CAMPAIGN else {"robot"}
+        networks |= {"ethercat"} if name in CAPABILITIES else set()
         assert set(service["networks"]) == networks, name
         assert service.get("user", "") == ("0:8000" if name in CAPABILITIES else ""), name
         assert "privileged" not in service and "ports" not in service, name
@@ -180,6 +183,20 @@ def test_no_second_master(composition, services):
     assert bridge["container_name"] == f"{composition['name']}-{graph.DRIVE_BRIDGE}-1"
 
 
+def test_workers_and_the_program_of_a_campaign_meet(services):
+    """At the scheduler's address, and in one directory: the one where results are by default."""
+    scheduler, workers, program = (services[name] for name in CAMPAIGN)
+    port = scheduler["command"][scheduler["command"].index("--port") + 1]
+    for service in (workers, program):
+        assert f"tcp://campaign_scheduler:{port}" in service["command"]
+        mounts = {mount["source"]: mount["target"] for mount in service["volumes"]}
+        assert mounts["campaigns"] == "/opt/husky/out/campaigns"
+    assert workers["scale"] == 2
+    assert (ROOT / program["command"][1]).is_file()
+    waits = {other: how["condition"] for other, how in program["depends_on"].items()}
+    assert waits == dict.fromkeys(CAMPAIGN[:2], "service_healthy")
+
+
 @pytest.mark.parametrize(("network", "code"), [("127.0.0.0", 0), ("192.0.2.0", 1)])
 def test_the_entry_point_finds_the_interface(tmp_path, network, code):
     """A copy with this tree in place of the image's, and a routing table of its own."""
@@ -217,7 +234,8 @@ def test_the_entry_point_finds_the_interface(tmp_path, network, code):
 def test_the_environment_says_domain_time_and_settings(services):
     wanted = {"ROS_DOMAIN_ID", "HUSKY_TIME", "HUSKY_SETTINGS"}
     for name, service in services.items():
-        assert wanted <= set(service["environment"]), name
+        if name not in CAMPAIGN:  # a run is what its file says
+            assert wanted <= set(service["environment"]), name
 
 
 def test_the_wires_are_where_drivers_look(services):

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable
 from typing import Any
 
+import campaign
 import console
 import control
 import drives
@@ -22,6 +23,7 @@ from husky_runtime.domain_locks import OccupiedError
 
 BENCHES: dict[str, Callable[[list[str]], dict[str, Any]]] = {
     "loop": loop.bench,
+    "campaign": campaign.bench,
     "mapping": mapping.bench,
     "plan": plan.bench,
     "plant": plant.bench,

@@ -1,0 +1,299 @@
+"""One run of a campaign, on the worker: a process graph in a ROS domain of its own.
+
+The run is the command that you would type, `scripts/experiment.sh NAME ...`, and its `record.json`,
+written last and whole, says that it is done. Whatever ends a worker ends the run's processes too,
+and the run has not been.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import json
+import os
+import platform
+import shutil
+import signal
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from distributed import Status, get_worker
+
+from husky_experiments.campaign.campaign_file import KEEP, RETRY, PlannedRun
+from husky_experiments.run import RESULT_FILE
+from husky_runtime import starter
+from husky_runtime.domain_locks import free_domain
+from husky_runtime.stored_file import write_atomically
+
+RECORD_FILE = "record.json"
+"""What became of a run: its options, every attempt with result, and where and how long it ran."""
+_LOCK_FILE = ".lock"
+_LOOK_PERIOD, _LOCK_PERIOD = 0.1, 0.5
+"""Wall time between two looks at a run, and at a lock [s]."""
+_ENDING = 20.0
+"""Wall time that an experiment gets to end its nodes when it is asked to [s]."""
+_DATA = ("bag", "video.mp4", "figures")
+"""What takes room in the results of a run."""
+_LAST_LINES = 5
+
+Record = dict[str, Any]
+
+
+class CancelledRunError(RuntimeError):
+    """The campaign has been ended, and the run with it."""
+
+
+@dataclass(frozen=True)
+class Policy:
+    """How each run is carried out: see `Campaign`."""
+
+    keep: str = KEEP[0]
+    retry: str = RETRY[0]
+    timeout: float = 7200.0
+
+    def retries(self, attempt: Record) -> bool:
+        """Return whether a run is tried again after this attempt."""
+        if attempt["ok"] or self.retry == "never":
+            return False
+        return self.retry == "failed" or attempt["error"] != ""
+
+    def keeps(self, attempt: Record) -> bool:
+        """Return whether bag, video and figures of an attempt stay."""
+        return self.keep == "all" or (self.keep == "failed" and not attempt["ok"])
+
+
+def execute(run: PlannedRun, directory: Path, policy: Policy, version: str) -> Record:
+    """Carry out a run, unless it has been; return its record.
+
+    A run that fails is tried once more, with video and figures.
+
+    Args:
+        run: which.
+        directory: of the campaign, which all workers share.
+        policy: how.
+        version: of the source tree, for the record.
+
+    Raises:
+        FileNotFoundError: this machine does not see the directory.
+        CancelledRunError: the campaign has been ended.
+    """
+    if not directory.is_dir():
+        raise FileNotFoundError(
+            f"worker {platform.node()} does not see {directory}: "
+            "the workers of a campaign share the file system of its output"
+        )
+    place = directory / "runs" / run.name
+    place.mkdir(parents=True, exist_ok=True)
+    check = _cancellation()
+    with _locked(place / _LOCK_FILE, check) as lock:
+        if (record := read_record(place)) is not None:
+            return record
+        for left in place.glob("attempt_*"):
+            _remove(left)
+        attempts: list[Record] = []
+        while not attempts or (len(attempts) == 1 and policy.retries(attempts[0])):
+            illustrated = policy.keep == "all" or bool(attempts)
+            attempts.append(
+                _attempt(run, place, len(attempts) + 1, illustrated, policy, lock, check)
+            )
+        for attempt in attempts:
+            if not policy.keeps(attempt):
+                remove_data(place / attempt["directory"])
+        record = {
+            "experiment": run.experiment,
+            "options": dict(run.options),
+            "command": run.command,
+            "version": version,
+            "host": platform.node(),
+            "attempts": attempts,
+        }
+        write_atomically(place / RECORD_FILE, json.dumps(record, indent=2).encode())
+        return record
+
+
+def read_record(place: Path) -> Record | None:
+    """Return the record of a run that is done, else None."""
+    with contextlib.suppress(OSError, ValueError):
+        record = json.loads((place / RECORD_FILE).read_text("utf-8"))
+        if isinstance(record, dict) and record.get("attempts"):
+            return record
+    return None
+
+
+def _remove(left: Path) -> None:
+    """Remove what a worker has left that was killed; its nodes may write a little longer."""
+    end = time.monotonic() + _ENDING
+    while left.exists():
+        try:
+            shutil.rmtree(left) if left.is_dir() else left.unlink()
+        except OSError:
+            if time.monotonic() > end:
+                raise
+            time.sleep(_LOCK_PERIOD)
+
+
+def remove_data(directory: Path) -> None:
+    """Remove bag, video and figures of an attempt, those of its sessions as well."""
+    for name in _DATA:
+        for each in list(directory.rglob(name)):
+            shutil.rmtree(each) if each.is_dir() else each.unlink(missing_ok=True)
+
+
+def wait_for_end(directory: Path, within: float = _ENDING) -> None:
+    """Wait until no run of a campaign is under way any more, as long as that may take [s]."""
+    end = time.monotonic() + within
+    for lock in directory.glob(f"runs/*/{_LOCK_FILE}"):
+        with lock.open("a") as file:
+            while not take_lock(file.fileno()) and time.monotonic() < end:
+                time.sleep(_LOOK_PERIOD)
+
+
+# An attempt -------------------------------------------------------------------------------------
+def _attempt(
+    run: PlannedRun,
+    place: Path,
+    number: int,
+    illustrated: bool,
+    policy: Policy,
+    lock: int,
+    check: Callable[[], None],
+) -> Record:
+    """Run the experiment; return what came of it.
+
+    Args:
+        run: which.
+        place: directory of its results.
+        number: of the attempt, from 1.
+        illustrated: with video and figures.
+        policy: says when it has taken too long.
+        lock: descriptor that the experiment holds for as long as it lives.
+        check: raises CancelledRunError when the campaign has been ended.
+    """
+    name = f"attempt_{number}"
+    output = place / name
+    command = [experiment_script(), run.experiment, *run.arguments, f"--output={output}"]
+    if not illustrated:
+        command += ["--no-video", "--no-figures"]
+    begun = time.monotonic()
+    with free_domain() as domain, (place / f"{name}.txt").open("w") as log:
+        environment = os.environ | {
+            "ROS_DOMAIN_ID": str(domain),
+            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",  # another machine may use the domain too
+            starter.VARIABLE: starter.identity(),
+        }
+        # Of this thread, and of what it starts: fewer switches between the nodes of two graphs.
+        os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
+        # A group of its own: Ctrl-C reaches the campaign alone, which ends its runs in order.
+        process = subprocess.Popen(
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=log,
+            stderr=subprocess.STDOUT,
+            env=environment,
+            pass_fds=(lock,),
+            start_new_session=True,
+        )
+        try:
+            late = not _wait(process, begun + policy.timeout, check)
+        finally:
+            _end(process)
+    wall = time.monotonic() - begun
+    result = _read_result(output)
+    error = result["metrics"].get("error", "")
+    if late:
+        error = f"ended after {policy.timeout:g} s of wall time"
+    elif "experiment" not in result:
+        error = f"exit code {process.returncode}: {_last_lines(place / f'{name}.txt')}"
+    return {
+        "directory": name,
+        "ok": process.returncode == 0 and not error,
+        "error": error,
+        "wall_s": round(wall, 2),
+        "metrics": result["metrics"],
+        "criteria": result["criteria"],
+    }
+
+
+def experiment_script() -> str:
+    """Return the front door to the experiments."""
+    return str(Path(os.environ["HUSKY_ROOT"]) / "scripts" / "experiment.sh")
+
+
+def _wait(process: subprocess.Popen[bytes], deadline: float, check: Callable[[], None]) -> bool:
+    """Wait until a process has ended; return whether it has by the deadline."""
+    while time.monotonic() < deadline:
+        check()
+        try:
+            process.wait(_LOOK_PERIOD)
+        except subprocess.TimeoutExpired:
+            continue
+        return True
+    return False
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    """End an experiment with its nodes; does nothing when it has ended."""
+    if process.poll() is None:
+        process.terminate()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(_ENDING)
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+
+
+def _read_result(output: Path) -> Record:
+    """Return `result.json` of an attempt, or one without metrics."""
+    with contextlib.suppress(OSError, ValueError):
+        result = json.loads((output / RESULT_FILE).read_text("utf-8"))
+        if isinstance(result, dict) and {"experiment", "metrics", "criteria"} <= result.keys():
+            return result
+    return {"metrics": {}, "criteria": {}}
+
+
+def _last_lines(log: Path) -> str:
+    """Return the end of an experiment's output."""
+    lines = log.read_text("utf-8", "replace").splitlines()
+    return " | ".join(line.strip() for line in lines[-_LAST_LINES:] if line.strip())
+
+
+# The worker -------------------------------------------------------------------------------------
+def _cancellation() -> Callable[[], None]:
+    """Return a function that raises CancelledRunError once this task is no longer wanted.
+
+    Dask does not interrupt a task that runs: whoever has asked for it may have gone, or the worker
+    may be about to close.
+    """
+    worker = get_worker()
+    key = worker.get_current_task()
+
+    def check() -> None:
+        task = worker.state.tasks.get(key)
+        wanted = task is not None and task.state in ("executing", "long-running")
+        if not wanted or worker.status in (Status.closing, Status.closed, Status.failed):
+            raise CancelledRunError(f"{key} was cancelled")
+
+    return check
+
+
+@contextlib.contextmanager
+def _locked(path: Path, check: Callable[[], None]) -> Iterator[int]:
+    """Hold the lock of a run, as soon as an attempt that has lost its worker is over."""
+    with path.open("a") as file:
+        while not take_lock(file.fileno()):
+            check()
+            time.sleep(_LOCK_PERIOD)
+        yield file.fileno()
+
+
+def take_lock(descriptor: int) -> bool:
+    """Return whether the lock could be taken."""
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
