@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
-import os
 import subprocess
 import tempfile
 import time
@@ -16,6 +14,7 @@ from typing import Any
 from husky_bringup.settings import HelpFormatter
 from husky_experiments import campaign
 from husky_experiments.campaign.campaign_file import read_campaign
+from husky_experiments.campaign.execution import read_result, start_experiment
 from husky_runtime.domain_locks import free_domain
 
 
@@ -58,17 +57,11 @@ def _by_hand(content: dict[str, Any], directory: Path) -> list[str]:
     digests = []
     for run in read_campaign(content).runs:
         output = directory / str(run.row)
-        script = Path(os.environ["HUSKY_ROOT"]) / "scripts" / "experiment.sh"
         with free_domain() as domain:
-            said = subprocess.run(
-                [script, run.experiment, *run.arguments, f"--output={output}"]
-                + ["--no-video", "--no-figures"],
-                env=os.environ | {"ROS_DOMAIN_ID": str(domain)},
-                stdout=subprocess.PIPE,
-                text=True,
-                check=True,
-            ).stdout
-        digests.append(json.loads(said.splitlines()[-1])["metrics"]["trajectory_sha256"])
+            start_experiment(
+                run, output, domain, illustrated=False, stdout=subprocess.DEVNULL
+            ).wait()
+        digests.append(read_result(output)["metrics"]["trajectory_sha256"])
     return digests
 
 

@@ -75,8 +75,12 @@ def test_a_run_is_known_by_its_options_not_by_its_place():
         ({"matrx": {}}, "unknown key 'matrx'; there are title, experiment, matrix"),
         ({"matrix": {"speeed": 1}}, "row 0 (--speeed=1): unrecognized arguments"),
         ({"matrix": {"speed": [0.5, "fast"]}}, "row 1 (--speed=fast): argument --speed: invalid"),
+        ({"matrix": {"see": 1}}, "row 0 (--see=1): unrecognized arguments"),
         ({"matrix": {"compliance": 5}}, "0 for a stiff frame, or 10 to 40 Hz"),
-        ({"matrix": {"speed": True}}, "quote a text"),
+        ({"matrix": {"speed": True}}, "row 0 (--speed): argument --speed: expected one argument"),
+        ({"matrix": {"speed=1": True}}, "'speed=1' is no name of an option"),
+        ({"matrix": {"plant.terrain": "a\nb"}}, "has characters that cannot be printed"),
+        ({"matrix": {"plant.terrain": [["a", "b"]]}}, "takes one value in a run, no list"),
         ({"matrix": {"seed": []}}, "seed has an empty list"),
         ({"matrix": {"seed": {"from": 3, "to": 1}}}, "from 3 to 1 by 1 is no range"),
         ({"matrix": {"seed": {"from": 0, "to": 1, "step": 0}}}, "step must be above 0"),
@@ -91,6 +95,7 @@ def test_a_run_is_known_by_its_options_not_by_its_place():
         ({"keep": "some"}, "keep: 'some' is not one of failed, all, none"),
         ({"retry": 3}, "retry: 3 is not one of failed, errors, never"),
         ({"timeout": -1}, "timeout: -1 is no time above 0"),
+        ({"timeout": 10**400}, "and below 1e9"),
         ({"metrics": "falls"}, "metrics: a list of names"),
     ],
 )
@@ -100,7 +105,17 @@ def test_a_wrong_campaign_is_refused_with_what_is_allowed(change, said):
     assert said in str(error.value)
 
 
-@pytest.mark.parametrize("content", ["", "experiment: trot\n", "a: [", b"\xff\xfe"])
+@pytest.mark.parametrize(
+    "content",
+    [
+        "",
+        "experiment: trot\n",
+        "a: [",
+        b"\xff\xfe",
+        "experiment: trot\nmatrix: {seed: 0, seed: [1, 2]}\n",
+        "experiment: trot\nmatrix: {seed: 2026-13-45}\n",
+    ],
+)
 def test_a_file_that_is_none_is_named(content, tmp_path):
     file = tmp_path / "c.yaml"
     file.write_bytes(content if isinstance(content, bytes) else content.encode())

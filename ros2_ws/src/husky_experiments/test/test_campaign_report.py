@@ -1,5 +1,7 @@
 """Table, summary and page of a campaign, from the records of its runs."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -112,6 +114,14 @@ def test_a_campaign_without_a_finished_run_has_an_empty_table(tmp_path):
     table = write_report(CAMPAIGN, {}, tmp_path)
     assert table.empty and {"row", "ok", "slope", "seed"} <= set(table.columns)
     assert "0 of 8 runs done" in (tmp_path / "index.html").read_text()
+
+
+def test_odd_names_and_numbers_stay_text(records, tmp_path):
+    records[0]["attempts"][0]["metrics"]["a$b$_{"] = 1
+    records[1]["attempts"][-1]["metrics"]["mean_speed"] = 10**30
+    table = write_report(replace(CAMPAIGN, metrics=("a$b$_{", "mean_speed")), records, tmp_path)
+    assert (tmp_path / "figures" / "a$b$_{.png").is_file()
+    assert table["attempts"].sum() == 10
 
 
 def test_markup_in_a_message_stays_text(records, tmp_path):

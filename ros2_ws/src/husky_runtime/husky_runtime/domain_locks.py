@@ -90,7 +90,7 @@ def _held_lock(path: Path) -> Iterator[bool]:
         yield False
         return
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        record_lock.take(descriptor)
         held = True
     except BlockingIOError:
         held = False

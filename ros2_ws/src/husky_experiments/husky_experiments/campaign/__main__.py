@@ -5,30 +5,25 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import subprocess
+import shutil
 import sys
 from pathlib import Path
 
 from husky_bringup.front import end_by_signals
 from husky_bringup.settings import HelpFormatter
 from husky_experiments.campaign.campaign_file import Campaign, CampaignError, read_campaign
-from husky_experiments.campaign.engine import DISK_LIMIT, output_of, run
-from husky_experiments.campaign.execution import experiment_script, read_record
+from husky_experiments.campaign.engine import DISK_LIMIT, output_of, reserved, run
+from husky_experiments.campaign.execution import read_record, read_result, start_experiment
 from husky_experiments.campaign.report import PAGE, TABLE
-from husky_experiments.run import RESULT_FILE
 from husky_runtime.domain_locks import free_domain
 
 
 def main(arguments: list[str]) -> int:
     """Run a campaign, or one of its rows; return 0 only when every run has met its criteria."""
-    if not arguments:
-        print("usage: scripts/campaign.sh FILE.yaml [--option value ...]\n")
-        for file in sorted(Path(os.environ["HUSKY_ROOT"], "campaigns").glob("*.yaml")):
-            campaign = read_campaign(file)
-            print(f"  {f'campaigns/{file.name}':<33} {campaign.title} ({len(campaign.runs)} runs)")
-        return 0
-    options = _parser().parse_args(arguments)
     try:
+        if not arguments:
+            return _list()
+        options = _parser().parse_args(arguments)
         campaign = read_campaign(options.file)
         directory = output_of(options.file, options.output)
         if options.dry_run:
@@ -49,7 +44,8 @@ def main(arguments: list[str]) -> int:
         print(f"error: {error}", file=sys.stderr)
         return 2
     except OSError as error:
-        print(f"error: {error}", file=sys.stderr)
+        where = f"{error.filename}: {error.strerror}" if error.filename else error
+        print(f"error: {where}", file=sys.stderr)
         return 1
     passed = int(table["ok"].sum())
     for _, row in table[~table["ok"].astype(bool)].iterrows():
@@ -66,6 +62,15 @@ def main(arguments: list[str]) -> int:
     }
     print(json.dumps(result), flush=True)
     return 0 if result["ok"] else 1
+
+
+def _list() -> int:
+    """Print the campaigns of the tree."""
+    print("usage: scripts/campaign.sh FILE.yaml [--option value ...]\n")
+    for file in sorted(Path(os.environ["HUSKY_ROOT"], "campaigns").glob("*.yaml")):
+        campaign = read_campaign(file)
+        print(f"  {f'campaigns/{file.name}':<33} {campaign.title} ({len(campaign.runs)} runs)")
+    return 0
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -103,38 +108,23 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _replay(campaign: Campaign, row: int, directory: Path) -> int:
-    """Run one row again, with video and figures; say whether it was the same run."""
+    """Run one row again, with video and figures; return 0 only for the same run, passed."""
     if not 0 <= row < len(campaign.runs):
         raise CampaignError(f"--replay: row {row} is not one of 0 to {len(campaign.runs) - 1}")
     planned = campaign.runs[row]
     output = directory / "replay" / str(row)
-    with free_domain() as domain:
-        code = subprocess.run(
-            [experiment_script(), planned.experiment, *planned.arguments, f"--output={output}"],
-            env=os.environ | {"ROS_DOMAIN_ID": str(domain)},
-        ).returncode
-    record = read_record(directory / "runs" / planned.name)
-    digests = []
-    for result in (
-        record["attempts"][-1] if record else {},
-        json.loads((output / RESULT_FILE).read_text("utf-8")),
-    ):
-        digests.append(result.get("metrics", {}).get("trajectory_sha256"))
-    same = None if None in digests else digests[0] == digests[1]
+    with reserved(directory), free_domain() as domain:
+        shutil.rmtree(output, ignore_errors=True)
+        code = start_experiment(planned, output, domain, illustrated=True).wait()
+        record = read_record(directory / "runs" / planned.name)
+    before = record["attempts"][-1]["metrics"].get("trajectory_sha256") if record else None
+    now = read_result(output)["metrics"].get("trajectory_sha256")
+    same = before == now if before and now else None
     if same is not None:
         print(f"the trajectory is {'' if same else 'NOT '}that of the campaign, to the bit")
-    print(
-        json.dumps(
-            {
-                "campaign": campaign.title,
-                "row": row,
-                "ok": code == 0,
-                "same_trajectory": same,
-                "output": str(output),
-            }
-        )
-    )
-    return code
+    result = {"campaign": campaign.title, "row": row, "ok": code == 0, "same_trajectory": same}
+    print(json.dumps(result | {"output": str(output)}), flush=True)
+    return code or int(same is False)
 
 
 if __name__ == "__main__":

@@ -7,12 +7,14 @@ import hashlib
 import itertools
 import json
 import re
+import shlex
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
 
-import yaml
+from ruamel.yaml import YAML
+from ruamel.yaml.error import YAMLError
 
 from husky_experiments.options import parse_options
 
@@ -70,7 +72,22 @@ class PlannedRun:
     @property
     def command(self) -> str:
         """The command that does the same outside of a campaign."""
-        return " ".join(("scripts/experiment.sh", self.experiment, *self.arguments))
+        return shlex.join(("scripts/experiment.sh", self.experiment, *self.arguments))
+
+
+@dataclass(frozen=True)
+class Policy:
+    """Rules for the runs of a campaign.
+
+    Attributes:
+        keep: one of `KEEP`.
+        retry: one of `RETRY`.
+        timeout: wall time after which a run is ended [s].
+    """
+
+    keep: str = KEEP[0]
+    retry: str = RETRY[0]
+    timeout: float = 7200.0
 
 
 @dataclass(frozen=True)
@@ -83,19 +100,15 @@ class Campaign:
         runs: all runs, in the order of the matrix.
         varied: options that differ between runs.
         metrics: those that page and figures show; none for the values of the criteria.
-        keep: one of `KEEP`.
-        retry: one of `RETRY`.
-        timeout: wall time after which a run is ended [s].
+        policy: rules for all runs.
     """
 
     title: str
     experiment: str
     runs: tuple[PlannedRun, ...]
     varied: tuple[str, ...]
-    metrics: tuple[str, ...] = ()
-    keep: str = KEEP[0]
-    retry: str = RETRY[0]
-    timeout: float = 7200.0
+    metrics: tuple[str, ...]
+    policy: Policy
 
     @property
     def conditions(self) -> tuple[str, ...]:
@@ -116,9 +129,9 @@ def read_campaign(source: Path | str | Mapping[str, Any]) -> Campaign:
         return _campaign(source, "campaign")
     path = Path(source)
     try:
-        content = yaml.safe_load(path.read_text("utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise CampaignError(f"{path} is no YAML: {' '.join(str(error).split())}") from error
+        content = YAML(typ="safe", pure=True).load(path.read_text("utf-8"))
+    except (YAMLError, ValueError, OverflowError, RecursionError) as error:
+        raise CampaignError(f"{path} is not valid YAML: {' '.join(str(error).split())}") from error
     except OSError as error:
         raise CampaignError(f"{path}: {error.strerror}") from error
     try:
@@ -140,14 +153,14 @@ def _campaign(content: Any, title: str) -> Campaign:
         raise CampaignError("matrix: no runs")
     runs = _plan(experiment, conditions)
     return Campaign(
-        title=str(content.get("title", title)),
+        title=str(content.get("title") or title),
         experiment=experiment,
         runs=runs,
         varied=_varied(conditions),
         metrics=_names(content.get("metrics", [])),
-        keep=_choice(content, "keep", KEEP),
-        retry=_choice(content, "retry", RETRY),
-        timeout=_positive(content, "timeout", 7200.0),
+        policy=Policy(
+            _choice(content, "keep", KEEP), _choice(content, "retry", RETRY), _timeout(content)
+        ),
     )
 
 
@@ -160,6 +173,8 @@ def _combinations(block: Any) -> Iterator[dict[str, Value]]:
         str(name).replace("_", "-") if "." not in str(name) else str(name): v
         for name, v in block.items()
     }
+    if wrong := [name for name in values if not re.fullmatch(r"[\w.-]+", name)]:
+        raise CampaignError(f"matrix: {wrong[0]!r} is no name of an option")
     if reserved := [name for name in values if name in _RESERVED]:
         hint = " (write NODE.PARAMETER: value)" if reserved[0] == "set" else ""
         raise CampaignError(f"matrix: {reserved[0]} is set by the campaign itself{hint}")
@@ -181,6 +196,8 @@ def _each(name: str, value: Any) -> list[Value]:
         return [_scalar(name, value)]
     if not value:
         raise CampaignError(f"matrix: {name} has an empty list")
+    if "." in name and any(isinstance(each, list) for each in value):
+        raise CampaignError(f"matrix: {name}: a node's parameter takes one value in a run, no list")
     return [
         tuple(_scalar(name, part) for part in each)
         if isinstance(each, list)
@@ -197,7 +214,7 @@ def _range(name: str, value: Mapping[str, Any]) -> list[Value]:
     ):
         raise CampaignError(f"matrix: {name}: a range has the numbers from, to and, if not 1, step")
     first, last, step = numbers
-    if not (step > 0 and last >= first and (last - first) / step < _MOST_RUNS):
+    if not (step > 0 and last >= first and last - first < _MOST_RUNS * step):
         raise CampaignError(
             f"matrix: {name}: from {first} to {last} by {step} is no range; step must be above 0, "
             f"to at least from, and no more than {_MOST_RUNS} values between"
@@ -209,6 +226,8 @@ def _range(name: str, value: Mapping[str, Any]) -> list[Value]:
 
 
 def _scalar(name: str, value: Any) -> Scalar:
+    if isinstance(value, str) and not value.isprintable():
+        raise CampaignError(f"matrix: {name}: {value!r} has characters that cannot be printed")
     if value is None or isinstance(value, bool | int | float | str):
         return value
     raise CampaignError(f"matrix: {name}: {value!r} is no number, text, true or false")
@@ -222,7 +241,10 @@ def _varied(conditions: list[dict[str, Value]]) -> tuple[str, ...]:
 
 # Runs -------------------------------------------------------------------------------------------
 class _Parser(argparse.ArgumentParser):
-    """Reports a wrong command line as a CampaignError."""
+    """Reports a wrong command line as a CampaignError; knows options by their full names alone."""
+
+    def __init__(self, **settings: Any):
+        super().__init__(**settings, allow_abbrev=False)
 
     def error(self, message: str) -> NoReturn:
         raise CampaignError(message)
@@ -238,9 +260,7 @@ def _plan(experiment: str, conditions: list[dict[str, Value]]) -> tuple[PlannedR
         except LookupError as error:
             raise CampaignError(str(error)) from error
         except CampaignError as error:
-            switched = any(isinstance(value, bool) for value in options.values())
-            hint = "; YAML reads on, off, yes, no as true, false: quote a text" if switched else ""
-            raise CampaignError(f"row {row} ({' '.join(arguments)}): {error}{hint}") from error
+            raise CampaignError(f"row {row} ({shlex.join(arguments)}): {error}") from error
         run = PlannedRun(row, experiment, options, arguments, _label(options, varied))
         if (first := rows.setdefault(run.key, row)) != row:
             raise CampaignError(f"rows {first} and {row} are the same run: {run.command}")
@@ -286,8 +306,8 @@ def _names(value: Any) -> tuple[str, ...]:
     return tuple(value)
 
 
-def _positive(content: Mapping[str, Any], key: str, default: float) -> float:
-    value = content.get(key, default)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not value > 0:
-        raise CampaignError(f"{key}: {value!r} is no time above 0 [s]")
+def _timeout(content: Mapping[str, Any]) -> float:
+    value = content.get("timeout", Policy.timeout)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < 1e9:
+        raise CampaignError(f"timeout: {value!r} is no time above 0 and below 1e9 [s]")
     return float(value)

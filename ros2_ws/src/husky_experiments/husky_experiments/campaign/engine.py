@@ -9,6 +9,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping
+from multiprocessing import current_process
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,7 @@ from husky_experiments.campaign.campaign_file import (
     read_campaign,
 )
 from husky_experiments.campaign.execution import (
-    Policy,
+    CancelledRunError,
     Record,
     execute,
     read_record,
@@ -69,36 +70,42 @@ def run(
         scheduler: address of a Dask scheduler, or a cluster of `dask_jobqueue`, to use instead.
         again: forget the results of an earlier call.
         disk: room for bags, videos and figures that stay [GB].
-        quiet: show no progress.
+        quiet: print nothing.
 
     Raises:
         CampaignError: the campaign cannot be run as it is written.
         BlockingIOError: another campaign writes into the directory.
         OSError: the directory cannot be written, or a worker does not see it.
     """
+    if getattr(current_process(), "_inheriting", False):
+        raise CampaignError('guard the main module: if __name__ == "__main__": campaign.run(...)')
     campaign = read_campaign(source)
-    if workers is not None and workers < 1:
-        raise CampaignError(f"workers: {workers} is not 1 or more")
+    if workers is not None and (workers < 1 or scheduler is not None):
+        raise CampaignError(f"workers: {workers} is not 1 or more, or a scheduler is given too")
+    if not disk >= 0.0:
+        raise CampaignError(f"disk: {disk} is no size of 0 or more [GB]")
     directory = output_of(source, output)
-    with _reserved(directory, again):
-        _keep_source(source, directory)
-        records = _finished(campaign, directory)
+    with reserved(directory):
+        records = {} if again else _finished(campaign, directory)
         _say(quiet, f"{campaign.title}: {len(campaign.runs)} runs, {len(records)} done before")
         if other := {record["version"] for record in records.values()} - {_source_version()}:
             _say(quiet, f"note: {', '.join(sorted(other))} made some; --again runs all anew")
         left = [each for each in campaign.runs if each.row not in records]
-        room = _Room(directory, disk)
+        budget = _DiskBudget(directory, disk)
         try:
             if left:
                 with _connected(scheduler, workers or _workers_for(len(left)), directory) as client:
+                    if again:
+                        _clear(directory)
+                    _keep_source(source, directory)
                     if not client.scheduler_info()["workers"]:
                         _say(quiet, "the scheduler has no workers yet: waiting")
                     for row, record in _carry_out(campaign, left, directory, client, quiet):
                         records[row] = record
-                        room.bound(directory / "runs" / campaign.runs[row].name, record)
+                        budget.enforce(directory / "runs" / campaign.runs[row].name, record)
         finally:
             table = write_report(campaign, records, directory)
-        _say(quiet, room.statement())
+        _say(quiet, budget.statement())
         if unknown := [name for name in campaign.metrics if name not in table.columns]:
             _say(quiet, f"note: no run has the metrics {', '.join(unknown)}")
         return table
@@ -124,11 +131,11 @@ def _source_version() -> str:
 def _finished(campaign: Campaign, directory: Path) -> dict[int, Record]:
     """Return the records of runs that are done, by row; directories follow an edited file."""
     records = {}
+    earlier = {place.name.rpartition("-")[2]: place for place in directory.glob("runs/*-*")}
     for each in campaign.runs:
         place = directory / "runs" / each.name
-        for earlier in directory.glob(f"runs/*-{each.key}"):
-            if earlier != place and not place.exists():
-                earlier.rename(place)
+        if not place.exists() and each.key in earlier:
+            earlier[each.key].rename(place)
         if (record := read_record(place)) is not None:
             records[each.row] = record
     return records
@@ -138,13 +145,12 @@ def _carry_out(
     campaign: Campaign, left: list[PlannedRun], directory: Path, client: Client, quiet: bool
 ) -> Iterator[tuple[int, Record]]:
     """Yield row and record of each run as it ends."""
-    policy = Policy(campaign.keep, campaign.retry, campaign.timeout)
     version = _source_version()
     # Keys of one group: Dask keeps such tasks until a worker is free, and knows how long they take.
     group = f"runs of {directory}"
     futures: dict[Future[Record], PlannedRun] = {
         client.submit(
-            execute, each, directory, policy, version, key=(group, each.name), pure=False
+            execute, each, directory, campaign.policy, version, key=(group, each.name), pure=False
         ): each
         for each in left
     }
@@ -158,7 +164,13 @@ def _carry_out(
         dynamic_ncols=True,
         mininterval=0.5 if sys.stderr.isatty() else 30.0,
     ) as bar:
-        for future in as_completed(futures, loop=client.loop):
+        ended = as_completed(futures, loop=client.loop)
+        for future in ended:
+            if future.status == "error" and isinstance(future.exception(), CancelledRunError):
+                # Its worker was told to close.
+                future.retry()
+                ended.add(future)
+                continue
             planned = futures[future]
             record = _outcome(future, planned, version)
             ok = record["attempts"][-1]["ok"]
@@ -210,21 +222,21 @@ def _connected(scheduler: Any, workers: int, directory: Path) -> Iterator[Client
                     n_workers=workers,
                     threads_per_worker=1,
                     memory_limit=0,  # it would count the worker alone, not the graph below it
-                    dashboard_address=None,
+                    dashboard_address=":0",
                     silence_logs=logging.CRITICAL,
                     preload=_LEAVE_INTERRUPTS,
                 )
             )
         try:
             client = Client(scheduler, timeout=_CONNECTING, set_as_default=False)
-        except (OSError, TimeoutError) as error:
+        except (OSError, TimeoutError, ValueError) as error:
             raise CampaignError(f"no Dask scheduler answers at {scheduler}: {error}") from error
         yield ends.enter_context(client)
 
 
 # Files ------------------------------------------------------------------------------------------
 @contextlib.contextmanager
-def _reserved(directory: Path, again: bool) -> Iterator[None]:
+def reserved(directory: Path) -> Iterator[None]:
     """Make and hold the directory of a campaign."""
     directory.mkdir(parents=True, exist_ok=True)
     if any(directory.iterdir()) and not (directory / _LOCK_FILE).exists():
@@ -232,10 +244,13 @@ def _reserved(directory: Path, again: bool) -> Iterator[None]:
     with (directory / _LOCK_FILE).open("a") as lock:
         if not take_lock(lock.fileno()):
             raise BlockingIOError(f"another campaign writes into {directory}")
-        if again:
-            for name in _OWN_FILES:
-                shutil.rmtree(directory / name, ignore_errors=True)
         yield
+
+
+def _clear(directory: Path) -> None:
+    """Remove the results of earlier calls."""
+    for name in _OWN_FILES:
+        shutil.rmtree(directory / name, ignore_errors=True)
 
 
 def _keep_source(source: Path | str | Mapping[str, Any], directory: Path) -> None:
@@ -244,8 +259,8 @@ def _keep_source(source: Path | str | Mapping[str, Any], directory: Path) -> Non
         shutil.copyfile(source, directory / "campaign.yaml")
 
 
-class _Room:
-    """Disk space of the bags, videos and figures that stay."""
+class _DiskBudget:
+    """Disk space of the results that stay, and its limit."""
 
     def __init__(self, directory: Path, limit: float):
         """Count what is there already.
@@ -258,7 +273,7 @@ class _Room:
         self._used = _size(directory / "runs")
         self._dropped = 0
 
-    def bound(self, place: Path, record: Record) -> None:
+    def enforce(self, place: Path, record: Record) -> None:
         """Count the results of a run; beyond the limit its bag, video and figures go."""
         size = _size(place)
         if self._used + size > self._limit * 1e9:
@@ -275,8 +290,12 @@ class _Room:
 
 
 def _size(directory: Path) -> int:
-    """Return the bytes of all files below a directory."""
-    return sum(each.lstat().st_size for each in directory.rglob("*") if each.is_file())
+    """Return the bytes of all files below a directory, but of those that vanish meanwhile."""
+    found = 0
+    for each in directory.rglob("*"):
+        with contextlib.suppress(OSError):
+            found += each.lstat().st_size if each.is_file() else 0
+    return found
 
 
 def _say(quiet: bool, text: str) -> None:

@@ -8,7 +8,6 @@ and the run has not been.
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import json
 import os
 import platform
@@ -17,27 +16,26 @@ import signal
 import subprocess
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from distributed import Status, get_worker
 
-from husky_experiments.campaign.campaign_file import KEEP, RETRY, PlannedRun
+from husky_experiments.campaign.campaign_file import PlannedRun, Policy
 from husky_experiments.run import RESULT_FILE
-from husky_runtime import starter
+from husky_runtime import record_lock, starter
 from husky_runtime.domain_locks import free_domain
 from husky_runtime.stored_file import write_atomically
 
 RECORD_FILE = "record.json"
-"""What became of a run: its options, every attempt with result, and where and how long it ran."""
+"""Record of a run: its options, every attempt with its results, host and wall time."""
 _LOCK_FILE = ".lock"
 _LOOK_PERIOD, _LOCK_PERIOD = 0.1, 0.5
 """Wall time between two looks at a run, and at a lock [s]."""
 _ENDING = 20.0
 """Wall time that an experiment gets to end its nodes when it is asked to [s]."""
 _DATA = ("bag", "video.mp4", "figures")
-"""What takes room in the results of a run."""
+"""Large results of an attempt."""
 _LAST_LINES = 5
 
 Record = dict[str, Any]
@@ -47,34 +45,15 @@ class CancelledRunError(RuntimeError):
     """The campaign has been ended, and the run with it."""
 
 
-@dataclass(frozen=True)
-class Policy:
-    """How each run is carried out: see `Campaign`."""
-
-    keep: str = KEEP[0]
-    retry: str = RETRY[0]
-    timeout: float = 7200.0
-
-    def retries(self, attempt: Record) -> bool:
-        """Return whether a run is tried again after this attempt."""
-        if attempt["ok"] or self.retry == "never":
-            return False
-        return self.retry == "failed" or attempt["error"] != ""
-
-    def keeps(self, attempt: Record) -> bool:
-        """Return whether bag, video and figures of an attempt stay."""
-        return self.keep == "all" or (self.keep == "failed" and not attempt["ok"])
-
-
 def execute(run: PlannedRun, directory: Path, policy: Policy, version: str) -> Record:
     """Carry out a run, unless it has been; return its record.
 
     A run that fails is tried once more, with video and figures.
 
     Args:
-        run: which.
+        run: to carry out.
         directory: of the campaign, which all workers share.
-        policy: how.
+        policy: rules for retries, data and time.
         version: of the source tree, for the record.
 
     Raises:
@@ -95,13 +74,12 @@ def execute(run: PlannedRun, directory: Path, policy: Policy, version: str) -> R
         for left in place.glob("attempt_*"):
             _remove(left)
         attempts: list[Record] = []
-        while not attempts or (len(attempts) == 1 and policy.retries(attempts[0])):
+        while not attempts or (len(attempts) == 1 and _retries(policy, attempts[0])):
             illustrated = policy.keep == "all" or bool(attempts)
-            attempts.append(
-                _attempt(run, place, len(attempts) + 1, illustrated, policy, lock, check)
-            )
+            output = place / f"attempt_{len(attempts) + 1}"
+            attempts.append(_attempt(run, output, illustrated, policy.timeout, lock, check))
         for attempt in attempts:
-            if not policy.keeps(attempt):
+            if not _keeps(policy, attempt):
                 remove_data(place / attempt["directory"])
         record = {
             "experiment": run.experiment,
@@ -117,9 +95,10 @@ def execute(run: PlannedRun, directory: Path, policy: Policy, version: str) -> R
 
 def read_record(place: Path) -> Record | None:
     """Return the record of a run that is done, else None."""
-    with contextlib.suppress(OSError, ValueError):
-        record = json.loads((place / RECORD_FILE).read_text("utf-8"))
-        if isinstance(record, dict) and record.get("attempts"):
+    with contextlib.suppress(OSError, ValueError, LookupError, TypeError):
+        record: Record = json.loads((place / RECORD_FILE).read_text("utf-8"))
+        last = record["attempts"][-1]
+        if {"host", "version"} <= record.keys() and {"ok", "metrics", "criteria"} <= last.keys():
             return record
     return None
 
@@ -153,74 +132,94 @@ def wait_for_end(directory: Path, within: float = _ENDING) -> None:
 
 
 # An attempt -------------------------------------------------------------------------------------
+def start_experiment(
+    run: PlannedRun, output: Path, domain: int, *, illustrated: bool, **process: Any
+) -> subprocess.Popen[bytes]:
+    """Start the experiment of a run in a ROS domain, unheard by other machines.
+
+    Args:
+        run: to start.
+        output: directory of its results.
+        domain: for its graph.
+        illustrated: with video and figures.
+        process: more arguments of `subprocess.Popen`.
+    """
+    script = Path(os.environ["HUSKY_ROOT"]) / "scripts" / "experiment.sh"
+    command = [str(script), run.experiment, *run.arguments, f"--output={output}"]
+    if not illustrated:
+        command += ["--no-video", "--no-figures"]
+    environment = os.environ | {
+        "ROS_DOMAIN_ID": str(domain),
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        starter.VARIABLE: starter.identity(),
+    }
+    return subprocess.Popen(command, env=environment, **process)
+
+
+def _retries(policy: Policy, attempt: Record) -> bool:
+    """Return whether a run is tried again after this attempt."""
+    if attempt["ok"] or policy.retry == "never":
+        return False
+    return policy.retry == "failed" or attempt["error"] != ""
+
+
+def _keeps(policy: Policy, attempt: Record) -> bool:
+    """Return whether bag, video and figures of an attempt stay."""
+    return policy.keep == "all" or (policy.keep == "failed" and not attempt["ok"])
+
+
 def _attempt(
     run: PlannedRun,
-    place: Path,
-    number: int,
+    output: Path,
     illustrated: bool,
-    policy: Policy,
+    timeout: float,
     lock: int,
     check: Callable[[], None],
 ) -> Record:
-    """Run the experiment; return what came of it.
+    """Run the experiment; return its outcome.
 
     Args:
-        run: which.
-        place: directory of its results.
-        number: of the attempt, from 1.
+        run: to carry out.
+        output: directory of its results; what it prints goes to a file beside it.
         illustrated: with video and figures.
-        policy: says when it has taken too long.
+        timeout: wall time after which it is ended [s].
         lock: descriptor that the experiment holds for as long as it lives.
         check: raises CancelledRunError when the campaign has been ended.
     """
-    name = f"attempt_{number}"
-    output = place / name
-    command = [experiment_script(), run.experiment, *run.arguments, f"--output={output}"]
-    if not illustrated:
-        command += ["--no-video", "--no-figures"]
+    printed = output.with_suffix(".txt")
     begun = time.monotonic()
-    with free_domain() as domain, (place / f"{name}.txt").open("w") as log:
-        environment = os.environ | {
-            "ROS_DOMAIN_ID": str(domain),
-            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",  # another machine may use the domain too
-            starter.VARIABLE: starter.identity(),
-        }
-        # Of this thread, and of what it starts: fewer switches between the nodes of two graphs.
+    with free_domain() as domain, printed.open("w") as file:
+        # Of this thread and all that it starts: fewer switches between the nodes of two graphs.
         os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
-        # A group of its own: Ctrl-C reaches the campaign alone, which ends its runs in order.
-        process = subprocess.Popen(
-            command,
+        process = start_experiment(
+            run,
+            output,
+            domain,
+            illustrated=illustrated,
             stdin=subprocess.DEVNULL,
-            stdout=log,
+            stdout=file,
             stderr=subprocess.STDOUT,
-            env=environment,
             pass_fds=(lock,),
-            start_new_session=True,
+            start_new_session=True,  # Ctrl-C reaches the campaign alone, which ends its runs
         )
         try:
-            late = not _wait(process, begun + policy.timeout, check)
+            late = not _wait(process, begun + timeout, check)
         finally:
             _end(process)
-    wall = time.monotonic() - begun
-    result = _read_result(output)
+    result = read_result(output)
     error = result["metrics"].get("error", "")
     if late:
-        error = f"ended after {policy.timeout:g} s of wall time"
+        error = f"ended after {timeout:g} s of wall time"
     elif "experiment" not in result:
-        error = f"exit code {process.returncode}: {_last_lines(place / f'{name}.txt')}"
+        error = f"exit code {process.returncode}: {_last_lines(printed)}"
     return {
-        "directory": name,
+        "directory": output.name,
         "ok": process.returncode == 0 and not error,
         "error": error,
-        "wall_s": round(wall, 2),
+        "wall_s": round(time.monotonic() - begun, 2),
         "metrics": result["metrics"],
         "criteria": result["criteria"],
     }
-
-
-def experiment_script() -> str:
-    """Return the front door to the experiments."""
-    return str(Path(os.environ["HUSKY_ROOT"]) / "scripts" / "experiment.sh")
 
 
 def _wait(process: subprocess.Popen[bytes], deadline: float, check: Callable[[], None]) -> bool:
@@ -239,14 +238,14 @@ def _end(process: subprocess.Popen[bytes]) -> None:
     """End an experiment with its nodes; does nothing when it has ended."""
     if process.poll() is None:
         process.terminate()
-        with contextlib.suppress(subprocess.TimeoutExpired):
+        try:
             process.wait(_ENDING)
-    with contextlib.suppress(ProcessLookupError):
-        os.killpg(process.pid, signal.SIGKILL)
-    process.wait()
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
 
 
-def _read_result(output: Path) -> Record:
+def read_result(output: Path) -> Record:
     """Return `result.json` of an attempt, or one without metrics."""
     with contextlib.suppress(OSError, ValueError):
         result = json.loads((output / RESULT_FILE).read_text("utf-8"))
@@ -293,7 +292,7 @@ def _locked(path: Path, check: Callable[[], None]) -> Iterator[int]:
 def take_lock(descriptor: int) -> bool:
     """Return whether the lock could be taken."""
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        record_lock.take(descriptor)
     except BlockingIOError:
         return False
     return True

@@ -27,7 +27,7 @@ CONFIDENCE = 0.95
 _FIRST = ("row", OUTCOME, "attempts", "failed")
 _LAST = ("wall_s", "host", "version", "directory")
 """First and last columns of the table."""
-_TOLD_OF_FAILURE = ("error", "carried_through")
+_FAILURE_NAMES = ("error", "carried_through")
 """Metric and criterion of a run without a result: column `failed` has them."""
 
 
@@ -43,7 +43,7 @@ def write_report(
     """
     table = make_table(campaign, records)
     summary = summarise(table, campaign.conditions, campaign.metrics or _criteria(records))
-    table.to_parquet(directory / f"{TABLE}.parquet", index=False)
+    write_atomically(directory / f"{TABLE}.parquet", table.to_parquet(index=False))
     table.to_csv(directory / f"{TABLE}.csv", index=False)
     summary.to_csv(directory / f"{SUMMARY}.csv", index=False)
     shutil.rmtree(directory / "figures", ignore_errors=True)
@@ -70,6 +70,7 @@ def make_table(campaign: Campaign, records: Mapping[int, Record]) -> pd.DataFram
     table = pd.DataFrame(rows, columns=None if rows else [*_FIRST, *options, *_LAST])
     for name in table.columns:
         values = [None if pd.isna(value) else value for value in table[name]]
+        values = [str(v) if isinstance(v, int) and abs(v) >= 2**63 else v for v in values]
         kinds = {type(value) for value in values} - {type(None)}
         if len(kinds) > 1 and kinds != {int, float}:  # Parquet wants one kind a column
             table[name] = [None if value is None else str(value) for value in values]
@@ -80,11 +81,11 @@ def make_table(campaign: Campaign, records: Mapping[int, Record]) -> pd.DataFram
 def _row(run: PlannedRun, record: Record) -> dict[str, Any]:
     last = record["attempts"][-1]
     options = {
-        name: " ".join(map(str, value)) if isinstance(value, tuple | list) else value
+        name: " ".join(map(str, value)) if isinstance(value, tuple) else value
         for name, value in run.options.items()
     }
     values = last["metrics"] | {name: each["value"] for name, each in last["criteria"].items()}
-    for name in _TOLD_OF_FAILURE:
+    for name in _FAILURE_NAMES:
         values.pop(name, None)
     row = {"row": run.row} | options
     row |= {OUTCOME: last["ok"], "attempts": len(record["attempts"]), "failed": _failures(record)}
@@ -111,7 +112,7 @@ def failure_of(attempt: Record) -> str:
     unmet = [
         f"{name} = {each['value']} ({each['bound']})"
         for name, each in attempt["criteria"].items()
-        if not each["ok"] and name not in _TOLD_OF_FAILURE
+        if not each["ok"] and name not in _FAILURE_NAMES
     ]
     return str(attempt["error"]) or ", ".join(unmet)
 
@@ -156,7 +157,7 @@ def summarise(
 def _criteria(records: Mapping[int, Record]) -> list[str]:
     """Return the names of the criteria of all runs."""
     found = [name for record in records.values() for name in record["attempts"][-1]["criteria"]]
-    return [name for name in dict.fromkeys(found) if name not in _TOLD_OF_FAILURE]
+    return [name for name in dict.fromkeys(found) if name not in _FAILURE_NAMES]
 
 
 def _statistics(values: np.ndarray[Any, Any], share: bool) -> dict[str, float]:

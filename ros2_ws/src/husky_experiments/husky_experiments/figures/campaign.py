@@ -6,16 +6,20 @@ import itertools
 from collections.abc import Sequence
 from pathlib import Path
 
+import matplotlib
 import numpy as np
 import pandas as pd
 
 from husky_experiments.figures.style import FAN_COLOURS, label, make_figure, save
 
 _MARKERS = "osD^v<>P"
-_SPREAD = 0.05
-"""Distance between the points of two lines at one place, as a share of that between places."""
+_SPREAD = 0.4
+"""Width that the points of all lines take at one place, as a share of that between places."""
+_MOST_NAMES = 16
+"""Lines that are named in the figure."""
 
 
+@matplotlib.rc_context({"text.parse_math": False})  # a `$` in a name is no mathematics
 def draw_summary(summary: pd.DataFrame, conditions: Sequence[str], directory: Path) -> Path:
     """Draw mean, interval and extremes of one metric for each condition.
 
@@ -32,8 +36,8 @@ def draw_summary(summary: pd.DataFrame, conditions: Sequence[str], directory: Pa
     places = list(dict.fromkeys(summary[across])) if across else [""]
     numeric = len(places) > 1 and all(isinstance(p, int | float) for p in places)
     at = np.array(sorted(places), float) if numeric else np.arange(float(len(places)))
-    step = _SPREAD * (float(np.diff(at).min()) if len(at) > 1 else 1.0)
     lines = list(summary.groupby(others, sort=False, dropna=False)) if others else [((), summary)]
+    step = _SPREAD * (float(np.diff(at).min()) if len(at) > 1 else 1.0) / max(8, len(lines))
     for number, (chosen, line) in enumerate(lines):
         x = (
             line[across].to_numpy(float)
@@ -62,8 +66,8 @@ def draw_summary(summary: pd.DataFrame, conditions: Sequence[str], directory: Pa
         axis.scatter(np.tile(x, 2), list(extremes), color=colour, marker="_", s=40, alpha=0.5)
     if not numeric:
         axis.set_xticks(at, [str(place) for place in places], rotation=30 * (len(places) > 6))
-    if others:
-        axis.legend(fontsize=7, frameon=False, ncols=1 + len(lines) // 12)
+    if others and len(lines) <= _MOST_NAMES:
+        axis.legend(fontsize=7, frameon=False)
     sizes = " to ".join(str(n) for n in sorted({summary["n"].min(), summary["n"].max()}))
     label(axis, metric, across or "all runs")
     note = f"mean, 95 % interval, least and greatest of {sizes} runs each"
