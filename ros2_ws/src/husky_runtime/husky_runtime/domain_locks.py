@@ -90,12 +90,7 @@ def _held_lock(path: Path) -> Iterator[bool]:
         yield False
         return
     try:
-        record_lock.take(descriptor)
-        held = True
-    except BlockingIOError:
-        held = False
-    try:
-        yield held
+        yield record_lock.try_take(descriptor)
     finally:
         os.close(descriptor)
 

@@ -76,6 +76,15 @@ def take(descriptor: int) -> None:
     fcntl.fcntl(descriptor, fcntl.F_OFD_SETLK, _whole_file())
 
 
+def try_take(descriptor: int) -> bool:
+    """Take the lock as `take` does, unless it is taken; return whether this descriptor has it."""
+    try:
+        take(descriptor)
+    except BlockingIOError:
+        return False
+    return True
+
+
 def owner(descriptor: int) -> int | None:
     """Return the process that has the lock, 0 for one that cannot be told, or None."""
     answer = fcntl.fcntl(descriptor, fcntl.F_GETLK, _whole_file())

@@ -8,7 +8,7 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from multiprocessing import current_process
 from pathlib import Path
 from typing import Any
@@ -28,12 +28,13 @@ from husky_experiments.campaign.execution import (
     CancelledRunError,
     Record,
     execute,
+    make_record,
     read_record,
     remove_data,
-    take_lock,
     wait_for_end,
 )
 from husky_experiments.campaign.report import write_report
+from husky_runtime import record_lock
 
 _MEMORY_OF_RUN = 1.5e9
 """Memory that a graph with its recording and its figures needs [bytes]."""
@@ -88,10 +89,11 @@ def run(
     with reserved(directory):
         records = {} if again else _finished(campaign, directory)
         _say(quiet, f"{campaign.title}: {len(campaign.runs)} runs, {len(records)} done before")
-        if other := {record["version"] for record in records.values()} - {_source_version()}:
+        version = _source_version()
+        if other := {record["version"] for record in records.values()} - {version}:
             _say(quiet, f"note: {', '.join(sorted(other))} made some; --again runs all anew")
         left = [each for each in campaign.runs if each.row not in records]
-        budget = _DiskBudget(directory, disk)
+        budget = _DiskBudget(directory, {each.name for each in left}, disk)
         try:
             if left:
                 with _connected(scheduler, workers or _workers_for(len(left)), directory) as client:
@@ -100,7 +102,9 @@ def run(
                     _keep_source(source, directory)
                     if not client.scheduler_info()["workers"]:
                         _say(quiet, "the scheduler has no workers yet: waiting")
-                    for row, record in _carry_out(campaign, left, directory, client, quiet):
+                    for row, record in _carry_out(
+                        campaign, left, directory, version, client, quiet
+                    ):
                         records[row] = record
                         budget.enforce(directory / "runs" / campaign.runs[row].name, record)
         finally:
@@ -142,10 +146,14 @@ def _finished(campaign: Campaign, directory: Path) -> dict[int, Record]:
 
 
 def _carry_out(
-    campaign: Campaign, left: list[PlannedRun], directory: Path, client: Client, quiet: bool
+    campaign: Campaign,
+    left: list[PlannedRun],
+    directory: Path,
+    version: str,
+    client: Client,
+    quiet: bool,
 ) -> Iterator[tuple[int, Record]]:
     """Yield row and record of each run as it ends."""
-    version = _source_version()
     # Keys of one group: Dask keeps such tasks until a worker is free, and knows how long they take.
     group = f"runs of {directory}"
     futures: dict[Future[Record], PlannedRun] = {
@@ -194,14 +202,7 @@ def _outcome(future: Future[Record], planned: PlannedRun, version: str) -> Recor
         raise error
     attempt = {"directory": "", "ok": False, "error": f"{type(error).__name__}: {error}"}
     attempt |= {"wall_s": 0.0, "metrics": {}, "criteria": {}}
-    return {
-        "experiment": planned.experiment,
-        "options": dict(planned.options),
-        "command": planned.command,
-        "version": version,
-        "host": "",
-        "attempts": [attempt],
-    }
+    return make_record(planned, version, "", [attempt])
 
 
 # Workers ----------------------------------------------------------------------------------------
@@ -242,7 +243,7 @@ def reserved(directory: Path) -> Iterator[None]:
     if any(directory.iterdir()) and not (directory / _LOCK_FILE).exists():
         raise CampaignError(f"{directory} holds something else than a campaign")
     with (directory / _LOCK_FILE).open("a") as lock:
-        if not take_lock(lock.fileno()):
+        if not record_lock.try_take(lock.fileno()):
             raise BlockingIOError(f"another campaign writes into {directory}")
         yield
 
@@ -262,15 +263,17 @@ def _keep_source(source: Path | str | Mapping[str, Any], directory: Path) -> Non
 class _DiskBudget:
     """Disk space of the results that stay, and its limit."""
 
-    def __init__(self, directory: Path, limit: float):
-        """Count what is there already.
+    def __init__(self, directory: Path, left: Collection[str], limit: float):
+        """Count the results that are there.
 
         Args:
             directory: of the campaign.
+            left: names of runs that are still to be done, and counted when they are.
             limit: [GB].
         """
         self._limit = limit
-        self._used = _size(directory / "runs")
+        done = (each for each in directory.glob("runs/*") if each.name not in left)
+        self._used = sum(_size(each) for each in done)
         self._dropped = 0
 
     def enforce(self, place: Path, record: Record) -> None:

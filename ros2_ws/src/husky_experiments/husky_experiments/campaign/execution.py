@@ -1,8 +1,8 @@
 """One run of a campaign, on the worker: a process graph in a ROS domain of its own.
 
-The run is the command that you would type, `scripts/experiment.sh NAME ...`, and its `record.json`,
-written last and whole, says that it is done. Whatever ends a worker ends the run's processes too,
-and the run has not been.
+The run is the command that you would type, `scripts/experiment.sh NAME ...`. Its `record.json` is
+written last and whole: a run with a record is done. When a worker ends, its run's processes end
+too, and the run, without a record, starts again.
 """
 
 from __future__ import annotations
@@ -81,16 +81,28 @@ def execute(run: PlannedRun, directory: Path, policy: Policy, version: str) -> R
         for attempt in attempts:
             if not _keeps(policy, attempt):
                 remove_data(place / attempt["directory"])
-        record = {
-            "experiment": run.experiment,
-            "options": dict(run.options),
-            "command": run.command,
-            "version": version,
-            "host": platform.node(),
-            "attempts": attempts,
-        }
+        record = make_record(run, version, platform.node(), attempts)
         write_atomically(place / RECORD_FILE, json.dumps(record, indent=2).encode())
         return record
+
+
+def make_record(run: PlannedRun, version: str, host: str, attempts: list[Record]) -> Record:
+    """Return the record of a run.
+
+    Args:
+        run: that is done.
+        version: of the source tree.
+        host: machine that it ran on.
+        attempts: its attempts, one or two.
+    """
+    return {
+        "experiment": run.experiment,
+        "options": dict(run.options),
+        "command": run.command,
+        "version": version,
+        "host": host,
+        "attempts": attempts,
+    }
 
 
 def read_record(place: Path) -> Record | None:
@@ -104,7 +116,7 @@ def read_record(place: Path) -> Record | None:
 
 
 def _remove(left: Path) -> None:
-    """Remove what a worker has left that was killed; its nodes may write a little longer."""
+    """Remove files of an attempt whose worker was killed; its nodes may write a little longer."""
     end = time.monotonic() + _ENDING
     while left.exists():
         try:
@@ -127,7 +139,7 @@ def wait_for_end(directory: Path, within: float = _ENDING) -> None:
     end = time.monotonic() + within
     for lock in directory.glob(f"runs/*/{_LOCK_FILE}"):
         with lock.open("a") as file:
-            while not take_lock(file.fileno()) and time.monotonic() < end:
+            while not record_lock.try_take(file.fileno()) and time.monotonic() < end:
                 time.sleep(_LOOK_PERIOD)
 
 
@@ -189,8 +201,6 @@ def _attempt(
     printed = output.with_suffix(".txt")
     begun = time.monotonic()
     with free_domain() as domain, printed.open("w") as file:
-        # Of this thread and all that it starts: fewer switches between the nodes of two graphs.
-        os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
         process = start_experiment(
             run,
             output,
@@ -283,16 +293,7 @@ def _cancellation() -> Callable[[], None]:
 def _locked(path: Path, check: Callable[[], None]) -> Iterator[int]:
     """Hold the lock of a run, as soon as an attempt that has lost its worker is over."""
     with path.open("a") as file:
-        while not take_lock(file.fileno()):
+        while not record_lock.try_take(file.fileno()):
             check()
             time.sleep(_LOCK_PERIOD)
         yield file.fileno()
-
-
-def take_lock(descriptor: int) -> bool:
-    """Return whether the lock could be taken."""
-    try:
-        record_lock.take(descriptor)
-    except BlockingIOError:
-        return False
-    return True

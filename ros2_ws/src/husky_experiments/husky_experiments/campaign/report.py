@@ -100,11 +100,11 @@ def _row(run: PlannedRun, record: Record) -> dict[str, Any]:
 
 
 def _failures(record: Record) -> str:
-    """Return what failed in the first attempt, and how the second differed."""
-    told = [failure_of(attempt) for attempt in record["attempts"]]
-    if len(told) == 1 or told[0] == told[1]:
-        return told[0]
-    return f"{told[0]}; then: {told[1] or 'passed'}"
+    """Return the failures of the first attempt, and how the second differed."""
+    failures = [failure_of(attempt) for attempt in record["attempts"]]
+    if len(failures) == 1 or failures[0] == failures[1]:
+        return failures[0]
+    return f"{failures[0]}; then: {failures[1] or 'passed'}"
 
 
 def failure_of(attempt: Record) -> str:
