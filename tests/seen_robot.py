@@ -18,7 +18,7 @@ from starvation import Beside
 from std_srvs.srv import Trigger
 
 from husky_experiments.hearing import waiting
-from husky_experiments.scripts import FIRST_SAMPLES, walk
+from husky_experiments.scripts import walk
 from husky_experiments.session import Session, SessionError
 from husky_msgs.msg import ServoCommand, ServoState
 from husky_runtime import graph
@@ -337,7 +337,7 @@ class Robot:
         """Enable the drives and stand up."""
         self.enable()
         with self._telling_what_is_seen():
-            self.session.set_mode("stand_up", patience=FIRST_SAMPLES)
+            self.session.set_mode("stand_up")
         self.until(lambda: self.mode == "stand", "stand", within=10.0, step=0.05)
         assert self.height > 0.5, self.seen
 

@@ -25,7 +25,9 @@ class FakeNode:
         """That of the graph."""
         return f"/{topic}"
 
-    def create_subscription(self, kind: type, topic: str, callback: Any, profile: Any) -> None:
+    def create_subscription(
+        self, kind: type, topic: str, callback: Any, profile: Any, *, raw: bool = False
+    ) -> None:
         """Take a callback."""
         self.say = callback
 

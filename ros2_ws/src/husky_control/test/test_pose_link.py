@@ -11,8 +11,10 @@ pytest.importorskip("rclpy")
 
 from nav_msgs.msg import Odometry
 
+from husky_control.nodes import tick_input
 from husky_control.nodes.pose_link import PoseLink
 from husky_control.tick_data import Measurements
+from husky_runtime import graph
 from husky_runtime.nodes import stamps
 
 MS = 1_000_000
@@ -64,6 +66,18 @@ def test_in_lockstep_it_does_not_matter_when_poses_come(arrivals):
             publish(sent)
         assert taken(link, now).position[0] == (now - 10) // 5 * 5
         assert taken(link, now).stamp == pytest.approx((now - 10) // 5 * 5e-3)
+
+
+def test_in_lockstep_the_first_tick_waits_for_a_camera_that_runs(monkeypatch):
+    monkeypatch.setattr(tick_input, "runs", lambda node, name: name == graph.T265_DRIVER)
+    link, publish = make()
+    for start in range(2):
+        if start:
+            link.restart(0)
+        link.await_tick(0)
+        assert not link.ready(0)
+        publish(0)
+        assert link.ready(0) and link.ready(10 * MS) and not link.ready(12 * MS)
 
 
 def test_in_realtime_the_newest_counts():

@@ -11,9 +11,6 @@ _SITTING_DOWN = 3.0
 """Time that sitting down takes, with a margin [s]."""
 _CONNECTING = 5.0
 """Time within which the bridge and the autopilot must have found each other [s]."""
-FIRST_SAMPLES = 2.0
-"""Time within which the controller hears the IMU: its first samples may be sent before discovery
-has led them there [s]."""
 _COMING_TO_REST = 5.0
 """Longest time that the body may sway before it sits down [s]."""
 
@@ -21,7 +18,7 @@ _COMING_TO_REST = 5.0
 def stand_up(session: Session) -> None:
     """Enable the drives and stand."""
     session.enable_drives()
-    session.set_mode("stand_up", reached="stand", within=10.0, patience=FIRST_SAMPLES)
+    session.set_mode("stand_up", reached="stand", within=10.0)
 
 
 def sit_down(session: Session) -> None:

@@ -13,13 +13,14 @@ it has started does, is no silence, for ten grace periods at most. Nor is time i
 that waits did not run (`PatientClock`). Every tick still asks one that is lost, and a world that
 stands still does now and then: it is expected again as soon as it answers. Determinism ends at a
 loss, and `losses` says so. At the start a peer gets a longer grace, because processes come up in
-any order; one whose first words cannot be repeated (the IMU's samples) is awaited only once it has
-been heard.
+any order and discovery takes its time. One that need not be in the graph (the IMU's driver) is
+awaited from the first tick on where its process is seen then, else once it has been heard.
 
 Messages are best effort. The plant says its last word again when it has waited for a moment, and
 the bridge hands that on. Whoever hears a word twice says its own last word again: the answer, if
 that was lost, or the one before as a sign of life, if it waits for somebody itself. So along the
-chain only the one that is really silent is declared lost.
+chain only the one that is really silent is declared lost. The driver of a sensor repeats
+the newest of its first samples.
 """
 
 from __future__ import annotations
@@ -92,11 +93,15 @@ class Peer:
         self._looked_at: tuple[float, float] | None = None  # when, and how busy it was then [s]
         self._was_busy = 0.0  # since it is waited for [s]
 
-    def expect(self) -> None:
-        """From now on answers of a peer that was absent are waited for, each for the grace."""
+    def expect(self, start_grace: float = 0.0) -> None:
+        """From now on answers of a peer that was absent are waited for, each for the grace.
+
+        Args:
+            start_grace: wall time for the first of them, if longer [s].
+        """
         if self.presence is Presence.ABSENT:
             self.presence = Presence.EXPECTED
-            self._patience = self.grace
+            self._patience = max(self.grace, start_grace)
             self._wait_no_more()
 
     def answer(self, stamp: int) -> None:

@@ -84,6 +84,14 @@ def test_one_that_was_absent_can_be_asked():
     assert peer.presence is Presence.LOST, "who is lost comes back by an answer alone"
 
 
+def test_one_that_was_absent_can_get_longer_for_its_first_answer():
+    peer = Peer("imu", grace=1.0, start_grace=None)
+    peer.expect(start_grace=30.0)
+    assert not is_lost(peer, 10.0, 39.9)
+    peer.answer(0)
+    assert is_lost(peer, 40.0, 41.1)
+
+
 @pytest.mark.parametrize("share, lost_after", [(0.0, 1.0), (0.4, 1.6), (0.9, 9.0), (1.0, 10.0)])
 def test_time_in_which_it_is_busy_is_no_silence(share, lost_after):
     """It is looked at from 0.1 s on; ten grace periods are the end."""

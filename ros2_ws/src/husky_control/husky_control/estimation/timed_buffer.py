@@ -92,10 +92,6 @@ class TimedBuffer(Generic[MessageT]):
             entries.popleft()
         return entries[0] if entries and entries[0][0] <= due else None
 
-    def oldest(self) -> tuple[int, MessageT] | None:
-        """Return the message with the oldest stamp that is kept, or None."""
-        return self._entries[0] if self._entries else None
-
     def newest(self) -> tuple[int, MessageT] | None:
         """Return the message with the newest stamp, or None."""
         return self._entries[-1] if self._entries else None

@@ -48,13 +48,14 @@ class ImuLink(TickInput[ImuSample]):
 
         Args:
             node: the controller's.
-            grace: wall time a silent IMU is waited for in lockstep, once heard [s].
+            grace: wall time a silent IMU is waited for in lockstep [s].
             mount: where the IMU sits.
             on_sample: called for each sample.
             lockstep: a tick takes the newest sample of before it; otherwise simply the newest.
         """
         peer = make_peer(node, graph.VN200_DRIVER, grace, start_grace=None)
-        super().__init__(node, graph.IMU, peer, _PERIOD_NS, 16, "going on without it")
+        without = "going on without it"
+        super().__init__(node, graph.IMU, peer, _PERIOD_NS, 16, without, from_start=lockstep)
         self.time_ns = 0
         self._mount = mount
         self._sample: ImuSample | None = None
@@ -75,10 +76,7 @@ class ImuLink(TickInput[ImuSample]):
     def fill(self, time_ns: int, measurements: Measurements) -> None:
         """Write the sample that a tick of this time uses, and its age."""
         samples = self._messages
-        if self._lockstep:
-            entry = samples.known(time_ns - 1) or samples.oldest()
-        else:
-            entry = samples.newest()
+        entry = samples.known(time_ns - 1) if self._lockstep else samples.newest()
         if entry is None:
             measurements.imu_age = _NEVER
             return

@@ -29,10 +29,13 @@ class PoseLink(TickInput[Odometry]):
         Args:
             node: the controller's.
             lockstep: a tick takes the pose of a fixed time before it; otherwise the newest.
-            grace: wall time a silent camera is waited for in lockstep, once heard [s].
+            grace: wall time a silent camera is waited for in lockstep [s].
         """
         peer = make_peer(node, graph.T265_DRIVER, grace, start_grace=None)
-        super().__init__(node, graph.T265_ODOMETRY, peer, _DELAY_NS, 64, "going on without it")
+        without = "going on without it"
+        super().__init__(
+            node, graph.T265_ODOMETRY, peer, _DELAY_NS, 64, without, from_start=lockstep
+        )
         self._lockstep = lockstep
         self._pose = T265Pose()
         self._copied: Odometry | None = None

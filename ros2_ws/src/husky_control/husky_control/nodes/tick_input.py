@@ -10,8 +10,12 @@ from rclpy.node import Node
 from husky_control.estimation.timed_buffer import TimedBuffer
 from husky_runtime.lockstep import Peer
 from husky_runtime.nodes.message_guard import refuser
+from husky_runtime.nodes.presence import runs
 
 MessageT = TypeVar("MessageT")
+
+_START_GRACE = 30.0
+"""Wall time within which somebody who runs is heard for the first time [s]."""
 
 
 class TickInput(Generic[MessageT]):
@@ -22,7 +26,15 @@ class TickInput(Generic[MessageT]):
     """
 
     def __init__(
-        self, node: Node, topic: str, peer: Peer, delay_ns: int, size: int, without: str
+        self,
+        node: Node,
+        topic: str,
+        peer: Peer,
+        delay_ns: int,
+        size: int,
+        without: str,
+        *,
+        from_start: bool = False,
     ):
         """Nothing has come yet.
 
@@ -33,16 +45,21 @@ class TickInput(Generic[MessageT]):
             delay_ns: in lockstep a tick waits for the word of this long before it [ns].
             size: most messages that are kept.
             without: what the controller does when the peer has fallen silent.
+            from_start: in lockstep the first tick waits for the first word of a peer that runs;
+                otherwise those after its first word do.
         """
         self.peer = peer
         self._node = node
         self._messages: TimedBuffer[MessageT] = TimedBuffer(refuser(node, topic), size)
         self._delay_ns = delay_ns
         self._without = without
+        self._from_start = from_start
         self._now_ns = -1
 
     def await_tick(self, time_ns: int) -> None:
         """From now on messages are of this tick [ns]."""
+        if self._now_ns < 0 and self._from_start and runs(self._node, self.peer.name):
+            self.peer.expect(_START_GRACE)
         self._now_ns = time_ns
         reached = self._messages.reach(time_ns)
         if reached >= 0:
@@ -57,7 +74,8 @@ class TickInput(Generic[MessageT]):
 
     def ready(self, time_ns: int) -> bool:
         """Return whether a tick of this time has what it is to know."""
-        return self.peer.ready(time_ns - self._delay_ns)
+        due = time_ns - self._delay_ns
+        return self.peer.ready(max(0, due) if self._from_start else due)
 
     def watch(self, time_ns: int) -> None:
         """A tick waits: give a silent peer up."""

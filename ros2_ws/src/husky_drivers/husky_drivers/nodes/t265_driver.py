@@ -10,13 +10,14 @@ from husky_description.link_frames import transform_of
 from husky_drivers.camera_link import CameraState
 from husky_drivers.nodes.camera_node import CameraNode
 from husky_drivers.nodes.clock_parameters import declare_clock
+from husky_drivers.nodes.sample_publisher import SamplePublisher
 from husky_drivers.t265.choice import BACKENDS, make_backend
 from husky_drivers.t265.frames import Confidence, PoseFrame, covariance, odometry
 from husky_drivers.t265.gate import JumpLimits
 from husky_drivers.t265.link import LinkConfig, T265Backend, T265Link
 from husky_drivers.vn200.clock import HostClock
 from husky_runtime import graph
-from husky_runtime.nodes import diagnostics, qos
+from husky_runtime.nodes import diagnostics
 from husky_runtime.nodes.parameters import declare, declare_robot
 from husky_runtime.nodes.patched_message import PatchedMessage
 from husky_runtime.nodes.presence import default_serial_port
@@ -43,7 +44,8 @@ class T265Driver(CameraNode[T265Link]):
         self._device_clock = declare_clock(self, "pose")
         self._messages = self._declare_messages()
         self._config = self._declare_link()
-        self._publisher = self.create_lifecycle_publisher(Odometry, topic, qos.CONTROL_OFFERED)
+        simulated = not isinstance(self._device_clock, HostClock)
+        self._poses = SamplePublisher(self, Odometry, topic, simulated=simulated)
         self._frame: SeenFrom | None = None
         camera = declare_robot(self).t265
         if declare_transforms(self, "the camera and of the frame of its poses"):
@@ -112,7 +114,7 @@ class T265Driver(CameraNode[T265Link]):
         message = self._messages[frame.tracker_confidence]
         pose, twist = odometry(frame)
         data = message.encode_at(stamp, pose[:3], pose[3:], twist[:3], twist[3:])
-        self._publisher.publish(data)
+        self._poses.publish(data)
         if self._frame is not None:
             self._frame.tell(stamp, pose)
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import sys
-import threading
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -13,28 +12,24 @@ from sensor_msgs.msg import Imu
 
 from husky_description.rotation import swap_body, swap_world_and_body
 from husky_drivers.nodes.clock_parameters import declare_clock
+from husky_drivers.nodes.sample_publisher import SamplePublisher
 from husky_drivers.vn200.clock import HostClock
 from husky_drivers.vn200.commissioning import IDENTITY
 from husky_drivers.vn200.imu import ImuFigures, Values
 from husky_drivers.vn200.link import Vn200Link
 from husky_drivers.vn200.session import SessionConfig, SessionState, Vn200Session
 from husky_runtime import graph
-from husky_runtime.nodes import diagnostics, qos
+from husky_runtime.nodes import diagnostics
 from husky_runtime.nodes.device_node import DeviceNode
 from husky_runtime.nodes.one_clock import longest_look
 from husky_runtime.nodes.parameters import declare, declare_robot
 from husky_runtime.nodes.patched_message import PatchedMessage
 from husky_runtime.nodes.presence import default_serial_port
 from husky_runtime.nodes.run import run
-from husky_runtime.patient_clock import PatientClock
 
 _ROTATION = "nine numbers of a rotation matrix"
 _GARBAGE_SHARE = 0.01
 """Share of bytes of no packet and no line above which somebody else's output is on the line."""
-_STOP = 0.5
-"""Time in which this process did not run after which it was stopped [s]."""
-_REPEAT_PERIOD, _REPEATS = 0.1, 20
-"""Of the last sample after a stop [s], and how often."""
 
 
 class Vn200Driver(DeviceNode[Vn200Link]):
@@ -53,7 +48,8 @@ class Vn200Driver(DeviceNode[Vn200Link]):
         what = "wall time without a sample after which the line counts as stale [s]"
         stale = declare(self, "stale_after", 0.05, what, 0.001, 60.0)
         # A simulation that pauses is no dead device.
-        silence = 0.25 if isinstance(self._device_clock, HostClock) else 10.0
+        simulated = not isinstance(self._device_clock, HostClock)
+        silence = 10.0 if simulated else 0.25
         what = (
             "wall time that a stale device may answer nothing before the port is reopened and its "
             "baud rate looked for [s]"
@@ -72,12 +68,7 @@ class Vn200Driver(DeviceNode[Vn200Link]):
             silence_timeout=declare(self, "silence_timeout", silence, what, 0.001, 60.0),
         )
         self._message = imu_message(ImuFigures.of(declare_robot(self).imu))
-        self._publisher = self.create_lifecycle_publisher(Imu, graph.IMU, qos.CONTROL_OFFERED)
-        self._lock = threading.Lock()
-        self._last_sample = b""  # under the lock, as is publishing
-        self._patient_clock = PatientClock(longest_look(self))
-        self._repeats = 0
-        self.create_timer(_REPEAT_PERIOD, self._repeat_after_a_stop)
+        self._samples = SamplePublisher(self, Imu, graph.IMU, simulated=simulated)
         self._last_report = _Counts()
         self._diagnostics = diagnostics.Diagnostics(self, "VN-200", self._report)
         self.autostart()
@@ -100,25 +91,7 @@ class Vn200Driver(DeviceNode[Vn200Link]):
             swap_body((p, q, r)),
             swap_body((a, b, c)),
         )
-        with self._lock:
-            self._last_sample = sample
-            self._publisher.publish(sample)
-
-    # In the executor's thread -------------------------------------------------------------------
-    def _repeat_after_a_stop(self) -> None:
-        """Publish the last sample again for a while after this process was stopped, in simulation.
-
-        DDS drops what waits at a process that is stopped for a second, and a lockstep world that
-        waits for that sample makes no other.
-        """
-        missed = self._patient_clock.missed
-        self._patient_clock.read(time.monotonic())
-        if self._patient_clock.missed - missed > _STOP:
-            self._repeats = _REPEATS
-        if self._repeats and self._last_sample and self._publisher.is_activated:
-            self._repeats -= 1
-            with self._lock:
-                self._publisher.publish(self._last_sample)
+        self._samples.publish(sample)
 
     # Report -------------------------------------------------------------------------------------
     def _report(self) -> diagnostics.Report:

@@ -25,7 +25,6 @@ from husky_experiments.metrics.propulsion import Span, attitude_summary, battery
 from husky_experiments.pilot import Pilot, Wish
 from husky_experiments.radio_flight import Flight, hanging_height, weight_share
 from husky_experiments.run import Run
-from husky_experiments.scripts import FIRST_SAMPLES
 from husky_experiments.session import Session
 
 _PRESSED = 0.006
@@ -169,7 +168,7 @@ def trot(session: Session, flight: Flight, options: argparse.Namespace, wish: Wi
     """Hang, arm, spool up, trot in bursts, spool down."""
     none = Wish(roll=0.0, pitch=0.0, throttle=0.0)
     session.enable_drives()
-    session.set_mode("hang", patience=FIRST_SAMPLES)
+    session.set_mode("hang")
     flight.fly(_SETTLING, none, name="before")
     flight.pilot.armed = True
     flight.fly(2.0, none, name="armed")

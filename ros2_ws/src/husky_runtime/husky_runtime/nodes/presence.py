@@ -58,6 +58,20 @@ def default_serial_port(node: Node, device: str) -> str:
     return graph.serial_port(device, node.context.get_domain_id(), node.get_namespace())
 
 
+def runs(node: Node, name: str) -> bool:
+    """Return whether another node of a node's robot is seen to run on this machine."""
+    try:
+        return _holder(node, name) is not None
+    except OSError:  # a lock that is not for us to read
+        return False
+
+
+def _holder(node: Node, name: str) -> int | None:
+    """Return the process of another node of a node's robot, as `domain_locks.holder` does."""
+    domain, namespace = node.context.get_domain_id(), node.get_namespace()
+    return occupancy.holder(name, domain, os.environ, namespace)
+
+
 def make_peer(node: Node, name: str, grace: float, start_grace: float | None = 30.0) -> Peer:
     """Return another node of a node's robot, as lockstep waits for it: `Peer` has the arguments.
 
@@ -68,9 +82,8 @@ def make_peer(node: Node, name: str, grace: float, start_grace: float | None = 3
 
     def busy() -> float | None:
         nonlocal seen
-        domain, namespace = node.context.get_domain_id(), node.get_namespace()
         try:
-            process = occupancy.holder(name, domain, os.environ, namespace)
+            process = _holder(node, name)
         except OSError:  # a lock that is not for us to read
             return 0.0
         if process is None:
