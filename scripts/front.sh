@@ -62,7 +62,7 @@ in_wired_network() { # arguments of the script
 # With `--bus soem` the nodes need an EtherCAT wire.
 on_wire() { # arguments of the script
     case " $* " in
-        *" --bus soem "* | *" --bus=soem "*) in_wired_network "$@" ;;
+        *" --bus soem "* | *" --bus=soem "*) HUSKY_FORK_SERVER='' in_wired_network "$@" ;;
     esac
 }
 

@@ -79,6 +79,8 @@ def pytest_collection_finish() -> None:
 
 def pytest_sessionfinish() -> None:
     """Sweep up behind processes that were killed; those of a graph have been (`Processes`)."""
+    if "node_bench" in sys.modules:
+        sys.modules["node_bench"].end_fork_server()
     with contextlib.suppress(ImportError):  # not in the environment of the workspace
         from husky_bringup import shared_memory
 

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import re
 import subprocess
 import sys
 from pathlib import Path
-
-from node_bench import environment
 
 
 class MavProxy:
@@ -27,7 +26,7 @@ class MavProxy:
         with self._log.open("w") as output:
             self._process = subprocess.Popen(
                 command, stdin=subprocess.PIPE, stdout=output, stderr=output, text=True,
-                cwd=directory, env=environment(PYTHONUNBUFFERED="1"),
+                cwd=directory, env={**os.environ, "PYTHONUNBUFFERED": "1"},
             )  # fmt: skip
 
     def say(self, text: str) -> None:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import itertools
 import math
 import os
 import signal
 import subprocess
-import sys
 import tempfile
 import threading
 import time
@@ -25,6 +25,7 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
+from husky_bringup.fork_server import Forked, ForkServer
 from husky_runtime import domain_locks as occupancy
 from husky_runtime import graph
 from husky_runtime.nodes import qos
@@ -56,7 +57,6 @@ class NodeBench:
         """
         self.domain = domain
         self.name = module.rpartition(".")[2]
-        self._module = module
         self._log = directory / f"{self.name}.log"
         self.context = Context()
         rclpy.init(context=self.context, domain_id=domain)
@@ -70,17 +70,17 @@ class NodeBench:
             lambda message: self.reports.append(message.status[0]),
             qos.STATUS,
         )
-        self.process: subprocess.Popen[bytes] | None = None
+        self.process: Forked | None = None
 
     # The process --------------------------------------------------------------------------------
     def start(self, **parameters: Any) -> None:
         """Start the process."""
         with self._log.open("ab") as log:
-            self.process = subprocess.Popen(
-                _command(self._module, parameters),
-                env=environment(ROS_DOMAIN_ID=str(self.domain)),
-                stdout=log,
-                stderr=log,
+            self.process = fork_server().fork(
+                self.name,
+                _arguments(parameters),
+                os.environ | {"ROS_DOMAIN_ID": str(self.domain)},
+                log,
             )
 
     def said(self) -> str:
@@ -335,26 +335,35 @@ class SensorBench(DeviceBench):
 
 def assert_refused(module: str, words: str, **parameters: Any) -> None:
     """Check that a node's process ends with a sentence on its bad parameters."""
-    with tempfile.TemporaryDirectory() as locks:  # whoever else runs such a node
-        result = subprocess.run(
-            _command(module, parameters),
-            env=environment(**{occupancy.VARIABLE: locks}),
-            stderr=subprocess.PIPE,
-            text=True,
-            timeout=_PATIENCE,
+    with tempfile.TemporaryDirectory() as locks, tempfile.TemporaryFile() as log:
+        process = fork_server().fork(
+            module.rpartition(".")[2],
+            _arguments(parameters),
+            os.environ | {occupancy.VARIABLE: locks},  # whoever else runs such a node
+            log,
         )
-    assert (result.returncode, words in result.stderr) == (1, True), result.stderr
+        code = process.wait(_PATIENCE)
+        log.seek(0)
+        said = log.read().decode()
+    assert (code, words in said) == (1, True), said
 
 
-def _command(module: str, parameters: dict[str, Any]) -> list[str]:
+def _arguments(parameters: dict[str, Any]) -> list[str]:
     settings = [word for item in parameters.items() for word in ("-p", "{}:={}".format(*item))]
-    return [sys.executable, "-m", module, "--ros-args", *settings]
+    return ["--ros-args", *settings]
 
 
-def environment(**more: str) -> dict[str, str]:
-    """Return the environment of a process that imports what this one does."""
-    path = os.pathsep.join(path for path in sys.path if path)
-    return {**os.environ, "PYTHONPATH": path, **more}
+@functools.cache
+def fork_server() -> ForkServer:
+    """Return the server of this worker's nodes: most of a node's start is imports."""
+    return ForkServer()
+
+
+def end_fork_server() -> None:
+    """End the server of this worker's nodes, if there is one."""
+    if fork_server.cache_info().currsize:
+        fork_server().close()
+        fork_server.cache_clear()
 
 
 def values_of(report: DiagnosticStatus) -> dict[str, str]:

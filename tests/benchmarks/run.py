@@ -17,12 +17,14 @@ import mapping
 import mavlink
 import plan
 import plant
+import start
 
 from husky_experiments.session import SessionError
 from husky_runtime.domain_locks import OccupiedError
 
 BENCHES: dict[str, Callable[[list[str]], dict[str, Any]]] = {
     "loop": loop.bench,
+    "start": start.bench,
     "campaign": campaign.bench,
     "mapping": mapping.bench,
     "plan": plan.bench,

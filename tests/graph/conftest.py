@@ -11,10 +11,12 @@ import pytest
 
 pytest.importorskip("rclpy")
 
+from node_bench import fork_server
 from own_network import own_network
 from ros_domain import held_domain, own_domain
 from seen_robot import SETTINGS, Robot, running
 
+from husky_bringup.fork_server import sharing
 from husky_bringup.system import simulated_robot
 from husky_runtime import graph
 from husky_runtime.nodes.diagnostics import PERIOD
@@ -35,8 +37,7 @@ WIRED_AND_SEEING = {
 class Graphs:
     """Starts graphs, one at a time; one that suits the next test module too is left running.
 
-    A start costs some 5 s of processor time, so modules that want the same settings follow one
-    another (`tests/conftest.py`) and share it.
+    Modules that want the same settings follow one another (`tests/conftest.py`) and share one.
     """
 
     def __init__(self, new_directory: Callable[[str], Path]):
@@ -78,7 +79,8 @@ class Graphs:
         settings = {name: {**REPORTING, **settings.get(name, {})} for name in names}
         options = {"record": False, "clock": clock, "remote": remote}
         with (
-            own_network() if wired else contextlib.nullcontext(),
+            # The server is in this network, as its nodes would be.
+            own_network() if wired else sharing(fork_server()),
             running(self._new_directory("graph"), settings, **options) as session,
         ):
             robot = Robot(session)

@@ -1,5 +1,6 @@
 """How nodes start, refuse to start, and end."""
 
+import contextlib
 import os
 import signal
 import subprocess
@@ -121,5 +122,5 @@ def _members(group: int) -> list[str]:
 
 def test_no_zombies():
     """None of the processes that this test process has started is left unreaped."""
-    with pytest.raises(ChildProcessError):
-        os.waitpid(-1, os.WNOHANG)
+    with contextlib.suppress(ChildProcessError):  # there are none; else there is the fork server
+        assert os.waitpid(-1, os.WNOHANG) == (0, 0)

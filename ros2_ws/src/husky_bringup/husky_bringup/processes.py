@@ -8,9 +8,9 @@ import subprocess
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Protocol
+from typing import IO, Protocol
 
-from husky_bringup import shared_memory
+from husky_bringup import fork_server, shared_memory
 from husky_bringup.neighbours import refuse_neighbours
 from husky_bringup.system import NodeSpec
 from husky_runtime import starter
@@ -24,6 +24,10 @@ _HURRIED_PERIOD = 2.5
 
 _TURN = 0.3
 """Wall time that the next node waits for the one before it to end [s]."""
+
+
+Process = subprocess.Popen[bytes] | fork_server.Forked
+"""Of a node."""
 
 
 class Nodes(Protocol):
@@ -120,7 +124,7 @@ class Processes:
         }
         self._claims = Claims(self._environment, namespace)
         self._params_file = params_file
-        self._running: dict[str, subprocess.Popen[bytes]] = {}
+        self._running: dict[str, Process] = {}
 
     def __enter__(self) -> Processes:
         """Return itself."""
@@ -130,7 +134,7 @@ class Processes:
         """End every process."""
         self.end()
 
-    def start(self, spec: NodeSpec) -> subprocess.Popen[bytes]:
+    def start(self, spec: NodeSpec) -> Process:
         """Start a node; one of the same name that has ended may be started again.
 
         Raises:
@@ -146,19 +150,25 @@ class Processes:
             self._logs.mkdir(parents=True, exist_ok=True)
             output = (self._logs / f"{spec.name}.log").open("ab")
         try:
-            process = subprocess.Popen(
-                spec.command(params_file=self._params_file, namespace=self._claims.namespace),
-                env=self._environment,
-                stdin=subprocess.DEVNULL,
-                stdout=output,
-                stderr=subprocess.STDOUT if output is not None else None,
-                start_new_session=True,
-            )
+            process = self._start(spec, output)
         finally:
             if output is not None:
                 output.close()
         self._running[spec.name] = process
         return process
+
+    def _start(self, spec: NodeSpec, output: IO[bytes] | None) -> Process:
+        command = spec.command(params_file=self._params_file, namespace=self._claims.namespace)
+        if server := fork_server.address(self._environment):
+            return fork_server.fork(server, spec.name, command[1:], self._environment, output)
+        return subprocess.Popen(
+            command,
+            env=self._environment,
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=subprocess.STDOUT if output is not None else None,
+            start_new_session=True,
+        )
 
     def start_all(self, specs: Sequence[NodeSpec]) -> None:
         """Start every node, or none where a graph of this robot is already there.
@@ -180,11 +190,8 @@ class Processes:
 
     def ended(self) -> dict[str, int]:
         """Return the exit codes of nodes that have ended by themselves, and forget them."""
-        codes = {
-            name: process.returncode
-            for name, process in self._running.items()
-            if process.poll() is not None
-        }
+        polled = {name: process.poll() for name, process in self._running.items()}
+        codes = {name: code for name, code in polled.items() if code is not None}
         for name in codes:
             # What it has started itself goes with it.
             _signal_group(self._running.pop(name), signal.SIGKILL)
@@ -243,14 +250,14 @@ class Processes:
         return codes
 
 
-def _signal_group(process: subprocess.Popen[bytes], number: int) -> None:
+def _signal_group(process: Process, number: int) -> None:
     try:
         os.killpg(process.pid, number)
     except ProcessLookupError:
         process.poll()
 
 
-def _group_alive(process: subprocess.Popen[bytes]) -> bool:
+def _group_alive(process: Process) -> bool:
     process.poll()
     try:
         os.killpg(process.pid, 0)

@@ -212,22 +212,25 @@ def _workers_for(runs: int) -> int:
     return max(1, min(runs, len(os.sched_getaffinity(0)), by_memory))
 
 
+def local_cluster(workers: int) -> LocalCluster:
+    """Return a scheduler with so many workers on this machine; close it at the end."""
+    return LocalCluster(
+        n_workers=workers,
+        threads_per_worker=1,
+        memory_limit=0,  # it would count the worker alone, not the graph below it
+        dashboard_address=":0",
+        silence_logs=logging.CRITICAL,
+        preload=_LEAVE_INTERRUPTS,
+    )
+
+
 @contextlib.contextmanager
 def _connected(scheduler: Any, workers: int, directory: Path) -> Iterator[Client]:
     """Connect to a scheduler; without one, start one with workers, and end them with all runs."""
     with contextlib.ExitStack() as ends:
         ends.callback(wait_for_end, directory)
         if scheduler is None:
-            scheduler = ends.enter_context(
-                LocalCluster(
-                    n_workers=workers,
-                    threads_per_worker=1,
-                    memory_limit=0,  # it would count the worker alone, not the graph below it
-                    dashboard_address=":0",
-                    silence_logs=logging.CRITICAL,
-                    preload=_LEAVE_INTERRUPTS,
-                )
-            )
+            scheduler = ends.enter_context(local_cluster(workers))
         try:
             client = Client(scheduler, timeout=_CONNECTING, set_as_default=False)
         except (OSError, TimeoutError, ValueError) as error:

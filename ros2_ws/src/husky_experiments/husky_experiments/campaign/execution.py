@@ -21,6 +21,7 @@ from typing import Any
 
 from distributed import Status, get_worker
 
+from husky_bringup import fork_server
 from husky_experiments.campaign.campaign_file import PlannedRun, Policy
 from husky_experiments.run import RESULT_FILE
 from husky_runtime import record_lock, starter
@@ -145,7 +146,13 @@ def wait_for_end(directory: Path, within: float = _ENDING) -> None:
 
 # An attempt -------------------------------------------------------------------------------------
 def start_experiment(
-    run: PlannedRun, output: Path, domain: int, *, illustrated: bool, **process: Any
+    run: PlannedRun,
+    output: Path,
+    domain: int,
+    *,
+    illustrated: bool,
+    server: str = "",
+    **process: Any,
 ) -> subprocess.Popen[bytes]:
     """Start the experiment of a run in a ROS domain, unheard by other machines.
 
@@ -154,6 +161,7 @@ def start_experiment(
         output: directory of its results.
         domain: for its graph.
         illustrated: with video and figures.
+        server: socket of the server that its nodes come from, if any.
         process: more arguments of `subprocess.Popen`.
     """
     script = Path(os.environ["HUSKY_ROOT"]) / "scripts" / "experiment.sh"
@@ -164,6 +172,7 @@ def start_experiment(
         "ROS_DOMAIN_ID": str(domain),
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
         starter.VARIABLE: starter.identity(),
+        fork_server.VARIABLE: server,
     }
     return subprocess.Popen(command, env=environment, **process)
 
@@ -206,6 +215,7 @@ def _attempt(
             output,
             domain,
             illustrated=illustrated,
+            server=_fork_server(),
             stdin=subprocess.DEVNULL,
             stdout=file,
             stderr=subprocess.STDOUT,
@@ -271,6 +281,20 @@ def _last_lines(log: Path) -> str:
 
 
 # The worker -------------------------------------------------------------------------------------
+_servers: list[fork_server.ForkServer] = []
+"""The one of this worker, once there is one."""
+
+
+def _fork_server() -> str:
+    """Return the address of this worker's server of nodes, which ends with the worker."""
+    # Of this thread and all that it starts: graphs share the processors best where a process that
+    # wakes does not interrupt another.
+    os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
+    if not _servers or not _servers[0].running:
+        _servers[:] = [fork_server.ForkServer()]
+    return _servers[0].address
+
+
 def _cancellation() -> Callable[[], None]:
     """Return a function that raises CancelledRunError once this task is no longer wanted.
 
