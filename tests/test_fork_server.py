@@ -114,6 +114,7 @@ def test_a_server_ends_with_the_process_that_has_started_it(domain):
                 or not of_process(int(pid), "cmdline")
             )
         )
+        assert not Path(address.decode()).parent.exists()
         assert node.poll() is None, "a node ends with its own starter"
         node.send_signal(signal.SIGTERM)
         node.wait(PATIENCE)

@@ -20,6 +20,7 @@ import json
 import os
 import re
 import selectors
+import shutil
 import signal
 import socket
 import subprocess
@@ -176,12 +177,13 @@ class ForkServer:
 
     def __init__(self) -> None:
         """Start it; requests wait until it has imported the modules."""
-        self._directory = tempfile.TemporaryDirectory(prefix="husky_fork_server_")
-        self.address = str(Path(self._directory.name) / "socket")
+        self._directory = Path(tempfile.mkdtemp(prefix="husky_fork_server_"))
+        self.address = str(self._directory / "socket")
         with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as listener:
             listener.bind(self.address)
             listener.listen(64)
-            # Its standard input is a pipe that nobody writes to: it ends when we are gone.
+            # Its standard input is a pipe that nobody writes to. When that ends, because we are
+            # gone, the server removes the directory and ends.
             self._process = subprocess.Popen(
                 (sys.executable, "-P", "-m", __name__, str(listener.fileno())),
                 stdin=subprocess.PIPE,
@@ -209,7 +211,7 @@ class ForkServer:
         assert self._process.stdin is not None
         self._process.stdin.close()
         self._process.wait()
-        self._directory.cleanup()
+        shutil.rmtree(self._directory, ignore_errors=True)  # of a server that was killed
 
     def __enter__(self) -> Self:
         """Return itself."""
@@ -306,8 +308,10 @@ def main() -> None:
             script.load()
     gc.collect()
     gc.freeze()
+    directory = Path(listener.getsockname()).parent
     if (executable := _Server(listener).serve()) is not None:
         sys.exit(nodes[executable].load()())
+    shutil.rmtree(directory, ignore_errors=True)
 
 
 if __name__ == "__main__":
