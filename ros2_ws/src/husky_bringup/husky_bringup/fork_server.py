@@ -44,7 +44,6 @@ _STARTED = b"process "
 _LOOK = 0.01
 """Wall time between two looks whether a process has ended [s]."""
 
-
 _shared: list[str] = []
 """Addresses, of which the last counts."""
 
@@ -203,7 +202,7 @@ class ForkServer:
 
     @property
     def running(self) -> bool:
-        """Whether it has not ended."""
+        """True until its process has ended."""
         return self._process.poll() is None
 
     def close(self) -> None:

@@ -19,8 +19,8 @@ awaited from the first tick on where its process is seen then, else once it has 
 Messages are best effort. The plant says its last word again when it has waited for a moment, and
 the bridge hands that on. Whoever hears a word twice says its own last word again: the answer, if
 that was lost, or the one before as a sign of life, if it waits for somebody itself. So along the
-chain only the one that is really silent is declared lost. The driver of a sensor repeats
-the newest of its first samples.
+chain only the one that is really silent is declared lost. The driver of a sensor repeats the newest
+of its first samples.
 """
 
 from __future__ import annotations
@@ -30,6 +30,8 @@ from enum import Enum
 
 from husky_runtime.patient_clock import LONGEST_LOOK, PatientClock
 
+START_GRACE = 30.0
+"""Wall time for the first answer of a process that starts [s]."""
 _BUSY_FACTOR = 10.0
 """One that is busy gets so many grace periods: it may hang."""
 _LOOK = 0.1
@@ -61,7 +63,7 @@ class Peer:
         self,
         name: str,
         grace: float = 1.0,
-        start_grace: float | None = 30.0,
+        start_grace: float | None = START_GRACE,
         busy: Callable[[], float | None] = lambda: 0.0,
         longest_look: float = LONGEST_LOOK,
     ):

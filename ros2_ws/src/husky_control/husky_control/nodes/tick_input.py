@@ -8,14 +8,11 @@ from typing import Generic, TypeVar
 from rclpy.node import Node
 
 from husky_control.estimation.timed_buffer import TimedBuffer
-from husky_runtime.lockstep import Peer
+from husky_runtime.lockstep import START_GRACE, Peer
 from husky_runtime.nodes.message_guard import refuser
 from husky_runtime.nodes.presence import runs
 
 MessageT = TypeVar("MessageT")
-
-_START_GRACE = 30.0
-"""Wall time within which somebody who runs is heard for the first time [s]."""
 
 
 class TickInput(Generic[MessageT]):
@@ -59,7 +56,7 @@ class TickInput(Generic[MessageT]):
     def await_tick(self, time_ns: int) -> None:
         """From now on messages are of this tick [ns]."""
         if self._now_ns < 0 and self._from_start and runs(self._node, self.peer.name):
-            self.peer.expect(_START_GRACE)
+            self.peer.expect(START_GRACE)
         self._now_ns = time_ns
         reached = self._messages.reach(time_ns)
         if reached >= 0:

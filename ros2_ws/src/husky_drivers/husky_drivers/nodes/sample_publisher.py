@@ -14,9 +14,9 @@ from husky_runtime.patient_clock import PatientClock
 _REPEAT_PERIOD = 0.1
 """Wall time between two repeats [s]."""
 _FIRST = 4
-"""So many samples, at least those of a tick, are the first ones."""
+"""So many samples are the first ones: more than the two that an IMU at 800 Hz has in a tick."""
 _AT_START, _AFTER_A_STOP = 300, 20
-"""Most repeats of one of the first samples, and after a stop."""
+"""Most repeats of the first samples together, and of the newest one after a stop."""
 _STOP = 0.5
 """Time in which this process did not run after which it was stopped [s]."""
 

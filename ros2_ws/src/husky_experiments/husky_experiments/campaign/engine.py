@@ -78,13 +78,8 @@ def run(
         BlockingIOError: another campaign writes into the directory.
         OSError: the directory cannot be written, or a worker does not see it.
     """
-    if getattr(current_process(), "_inheriting", False):
-        raise CampaignError('guard the main module: if __name__ == "__main__": campaign.run(...)')
+    _check_call(workers, scheduler, disk)
     campaign = read_campaign(source)
-    if workers is not None and (workers < 1 or scheduler is not None):
-        raise CampaignError(f"workers: {workers} is not 1 or more, or a scheduler is given too")
-    if not disk >= 0.0:
-        raise CampaignError(f"disk: {disk} is no size of 0 or more [GB]")
     directory = output_of(source, output)
     with reserved(directory):
         records = {} if again else _finished(campaign, directory)
@@ -113,6 +108,16 @@ def run(
         if unknown := [name for name in campaign.metrics if name not in table.columns]:
             _say(quiet, f"note: no run has the metrics {', '.join(unknown)}")
         return table
+
+
+def _check_call(workers: int | None, scheduler: Any, disk: float) -> None:
+    """Raise CampaignError for arguments of `run` that are not allowed, or an unguarded call."""
+    if getattr(current_process(), "_inheriting", False):
+        raise CampaignError('guard the main module: if __name__ == "__main__": campaign.run(...)')
+    if workers is not None and (workers < 1 or scheduler is not None):
+        raise CampaignError(f"workers: {workers} is not 1 or more, or a scheduler is given too")
+    if not disk >= 0.0:
+        raise CampaignError(f"disk: {disk} is no size of 0 or more [GB]")
 
 
 def output_of(source: Path | str | Mapping[str, Any], output: Path | str | None) -> Path:

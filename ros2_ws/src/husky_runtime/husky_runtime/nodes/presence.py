@@ -16,7 +16,7 @@ from rclpy.utilities import get_default_context
 
 from husky_runtime import domain_locks as occupancy
 from husky_runtime import graph
-from husky_runtime.lockstep import Peer
+from husky_runtime.lockstep import START_GRACE, Peer
 from husky_runtime.nodes.one_clock import longest_look
 from husky_runtime.processor_time import processor_time
 
@@ -72,7 +72,7 @@ def _holder(node: Node, name: str) -> int | None:
     return occupancy.holder(name, domain, os.environ, namespace)
 
 
-def make_peer(node: Node, name: str, grace: float, start_grace: float | None = 30.0) -> Peer:
+def make_peer(node: Node, name: str, grace: float, start_grace: float | None = START_GRACE) -> Peer:
     """Return another node of a node's robot, as lockstep waits for it: `Peer` has the arguments.
 
     How busy its process is, and that it has ended, is seen on this machine, through the lock on its
