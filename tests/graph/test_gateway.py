@@ -60,8 +60,8 @@ def test_a_client_that_is_lost_drives_no_longer(standing: Any, gateway: Gateway)
         gateway.set(gateway.client(EMERGENCY_STOP), WAKES, False)
 
 
-# The process alone: `test_who_does_not_read_holds_up_nobody`, a service that is called with raw
-# messages; a stop beside who does not read, in the graph: test_console.
+# The process alone: `test_foxglove_gateway_strain.py`; a stop beside a client that does not read,
+# in the graph: test_console.
 @pytest.mark.slow
 def test_an_emergency_stop_beside_a_client_that_does_not_read(
     trotting: Any, gateway: Gateway, record_property: Any
