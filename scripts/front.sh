@@ -56,13 +56,16 @@ other_discovery() {
 
 # Starts the script again in a network that has an EtherCAT wire, unless it is in one.
 in_wired_network() { # arguments of the script
-    grep -q '^ *ecat0:' /proc/net/dev || exec "$root/scripts/wire.sh" "$0" "$@"
+    if ! grep -q '^ *ecat0:' /proc/net/dev; then
+        unset HUSKY_FORK_SERVER # its nodes would be in its own network (husky_bringup.fork_server)
+        exec "$root/scripts/wire.sh" "$0" "$@"
+    fi
 }
 
 # With `--bus soem` the nodes need an EtherCAT wire.
 on_wire() { # arguments of the script
     case " $* " in
-        *" --bus soem "* | *" --bus=soem "*) HUSKY_FORK_SERVER='' in_wired_network "$@" ;;
+        *" --bus soem "* | *" --bus=soem "*) in_wired_network "$@" ;;
     esac
 }
 

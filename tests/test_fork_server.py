@@ -64,12 +64,16 @@ def test_a_node_is_a_process_like_any_other(processes, domain, tmp_path):
     assert processes.end() == {RADIO.name: 0}
 
 
-def test_exit_codes(processes, domain, tmp_path):
+def test_exit_codes(server, processes, domain, tmp_path):
     processes.start(NodeSpec(RADIO.package, RADIO.name, {"time": "tea"}))
     ended = {}
     until(lambda: ended.update(processes.ended()) or ended)
     assert ended == {RADIO.name: 1}
     assert "parameter time is 'tea'" in (tmp_path / f"{RADIO.name}.log").read_text()
+    with (tmp_path / "unknown.log").open("wb") as log:
+        unknown = fork(server.address, "toaster", [], os.environ, log)
+    assert unknown.wait(PATIENCE) == 1
+    assert "no node 'toaster'; there are " in (tmp_path / "unknown.log").read_text()
     processes.start(RADIO)
     processes.kill(RADIO.name)
     assert processes.reap(RADIO.name) == -signal.SIGKILL

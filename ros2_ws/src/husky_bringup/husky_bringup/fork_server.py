@@ -206,7 +206,7 @@ class ForkServer:
         return self._process.poll() is None
 
     def close(self) -> None:
-        """End the server."""
+        """End the server, if it still runs; remove its directory."""
         assert self._process.stdin is not None
         self._process.stdin.close()
         self._process.wait()
@@ -309,6 +309,8 @@ def main() -> None:
     gc.freeze()
     directory = Path(listener.getsockname()).parent
     if (executable := _Server(listener).serve()) is not None:
+        if executable not in nodes:
+            sys.exit(f"error: no node {executable!r}; there are {', '.join(sorted(nodes))}")
         sys.exit(nodes[executable].load()())
     shutil.rmtree(directory, ignore_errors=True)
 

@@ -16,7 +16,6 @@ from husky_drivers.d435.link import D435Backend, D435Link, DepthLinkConfig
 from husky_drivers.d435.realsense import GREATEST_DECIMATION, DepthStream
 from husky_drivers.nodes.camera_node import CameraNode
 from husky_drivers.nodes.clock_parameters import declare_clock
-from husky_drivers.vn200.clock import HostClock
 from husky_runtime import graph
 from husky_runtime.nodes import diagnostics, qos, stamps
 from husky_runtime.nodes.parameters import declare, declare_robot
@@ -80,7 +79,7 @@ class D435Driver(CameraNode[D435Link]):
         """Declare when a stream is frozen, dead or covered."""
         what = "time without a new image after which the stream counts as frozen [s]"
         stale = declare(self, "stale_after", 0.5, what, 0.01, 60.0)
-        silence = 5.0 if isinstance(self._device_clock, HostClock) else 10.0
+        silence = 10.0 if self._device_clock.simulated else 5.0
         what = "time without a new image after which the device is closed and opened again [s]"
         silence = declare(self, "silence_timeout", silence, what, 0.1, 60.0)
         what = "share of pixels with depth below which the camera counts as covered [-]"

@@ -15,7 +15,6 @@ from husky_drivers.t265.choice import BACKENDS, make_backend
 from husky_drivers.t265.frames import Confidence, PoseFrame, covariance, odometry
 from husky_drivers.t265.gate import JumpLimits
 from husky_drivers.t265.link import LinkConfig, T265Backend, T265Link
-from husky_drivers.vn200.clock import HostClock
 from husky_runtime import graph
 from husky_runtime.nodes import diagnostics
 from husky_runtime.nodes.parameters import declare, declare_robot
@@ -44,7 +43,7 @@ class T265Driver(CameraNode[T265Link]):
         self._device_clock = declare_clock(self, "pose")
         self._messages = self._declare_messages()
         self._config = self._declare_link()
-        simulated = not isinstance(self._device_clock, HostClock)
+        simulated = self._device_clock.simulated
         self._poses = SamplePublisher(self, Odometry, topic, simulated=simulated)
         self._frame: SeenFrom | None = None
         camera = declare_robot(self).t265
@@ -72,7 +71,7 @@ class T265Driver(CameraNode[T265Link]):
         """Declare when a stream is frozen, dead or jumps."""
         what = "time without a new frame after which the stream counts as frozen [s]"
         stale = declare(self, "stale_after", 0.1, what, 0.01, 60.0)
-        silence = 1.0 if isinstance(self._device_clock, HostClock) else 10.0
+        silence = 10.0 if self._device_clock.simulated else 1.0
         what = "time without a new frame after which the device is closed and opened again [s]"
         silence = declare(self, "silence_timeout", silence, what, 0.1, 60.0)
         what = "a position this far from where the last velocity leads is a jump [m]"

@@ -13,7 +13,6 @@ from sensor_msgs.msg import Imu
 from husky_description.rotation import swap_body, swap_world_and_body
 from husky_drivers.nodes.clock_parameters import declare_clock
 from husky_drivers.nodes.sample_publisher import SamplePublisher
-from husky_drivers.vn200.clock import HostClock
 from husky_drivers.vn200.commissioning import IDENTITY
 from husky_drivers.vn200.imu import ImuFigures, Values
 from husky_drivers.vn200.link import Vn200Link
@@ -48,7 +47,7 @@ class Vn200Driver(DeviceNode[Vn200Link]):
         what = "wall time without a sample after which the line counts as stale [s]"
         stale = declare(self, "stale_after", 0.05, what, 0.001, 60.0)
         # A simulation that pauses is no dead device.
-        simulated = not isinstance(self._device_clock, HostClock)
+        simulated = self._device_clock.simulated
         silence = 10.0 if simulated else 0.25
         what = (
             "wall time that a stale device may answer nothing before the port is reopened and its "

@@ -209,6 +209,9 @@ def _attempt(
     """
     printed = output.with_suffix(".txt")
     begun = time.monotonic()
+    # Of this thread and all that it starts: graphs share the processors best where a process that
+    # wakes does not interrupt another.
+    os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
     with free_domain() as domain, printed.open("w") as file:
         process = start_experiment(
             run,
@@ -287,9 +290,6 @@ _servers: list[fork_server.ForkServer] = []
 
 def _fork_server() -> str:
     """Return the address of this worker's server of nodes, which ends with the worker."""
-    # Of this thread and all that it starts: graphs share the processors best where a process that
-    # wakes does not interrupt another.
-    os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
     if not _servers or not _servers[0].running:
         _servers[:] = [fork_server.ForkServer()]
     return _servers[0].address
