@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import threading
+import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -14,6 +15,8 @@ from websockets.exceptions import ConnectionClosed
 from husky_bringup.console.operator_server import PLACE
 
 _PERIOD = 0.05
+_PATIENCE = 150.0
+"""Wall time that words may take [s]."""
 
 
 class OperatorClient(WebsocketClient):
@@ -37,6 +40,13 @@ class OperatorClient(WebsocketClient):
         """Press a button."""
         beat = self.state.get("beat", 0)
         self.send_raw(json.dumps({"type": "ask", "what": what, "value": value, "beat": beat}))
+
+    def hears(self, said: str) -> None:
+        """Wait until these words are told, while nothing in this process is spun."""
+        end = time.monotonic() + _PATIENCE
+        while self.state.get("said") != said:
+            assert time.monotonic() < end, f"heard {self.state.get('said')!r}, not {said!r}"
+            time.sleep(_PERIOD)
 
     def hold(self, **held: Any) -> None:
         """Say once what is held."""

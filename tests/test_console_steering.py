@@ -251,6 +251,17 @@ def test_stops_go_before_what_was_asked_by_three_hundred_words(
     assert console.robot.calls.count("sit") < 200
 
 
+def test_no_flood_displaces_a_stop_that_the_robot_has_not_taken_yet(console: SteeredBench) -> None:
+    """A service keeps ten requests that it has not taken; the robot's node sleeps meanwhile."""
+    flood, operator = console.operator(), console.operator()
+    operator.ask("action", "emergency stop")
+    operator.hears("EMERGENCY STOP ...; emergency stop ...")
+    for _ in range(30):
+        flood.ask("mode", "sit")
+    flood.hears("sit: too much is asked at once")
+    console.wait(lambda: set(console.robot.calls) >= STOPPED | {"sit"}, "the stop of both")
+
+
 # Velocities -------------------------------------------------------------------------------------
 def test_the_robot_walks_while_a_stick_is_held(console: SteeredBench) -> None:
     operator = console.operator()

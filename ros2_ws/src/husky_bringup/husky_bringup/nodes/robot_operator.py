@@ -28,6 +28,12 @@ COMMAND_RATE = 20.0
 """Of velocity commands [Hz]."""
 _ENABLE_PERIOD = 5.0
 """How long standing up waits for the drives [s]."""
+_MOST_UNANSWERED = 4
+"""Requests to one service that wait for an answer before more are refused, other than stops. A
+service keeps the ten newest of those that it has not taken yet, and forgets the others."""
+_FORGOTTEN = 10.0
+"""Operator's time after which a request without an answer is not counted any more [s]."""
+_EMERGENCY_STOP = "emergency_stop"
 _NOT_FOLLOWED = 6
 """Velocities in a row for which a robot may stand before it is asked to walk."""
 
@@ -63,6 +69,7 @@ class RobotOperator:
         self._stand_up_until = 0.0
         self._standing_up = Outcome()
         self._not_followed = 0
+        self._unanswered: dict[Client, dict[Future, float]] = {}  # when each was sent [s]
         self._publisher = node.create_publisher(Twist, graph.CMD_VEL, qos.COMMAND)
         self._mode_client = node.create_client(SetMode, graph.SET_MODE)
         self._gait_client = node.create_client(SetGait, graph.SET_GAIT)
@@ -142,8 +149,8 @@ class RobotOperator:
 
     def set_mode(self, mode: str, outcome: Outcome | None = None) -> None:
         """Ask for a mode; the outcome is of a request made before, else of this one."""
-        what = mode.replace("_", " ")
-        self.call(self._mode_client, SetMode.Request(mode=mode), what, outcome)
+        what, stops = mode.replace("_", " "), mode == _EMERGENCY_STOP
+        self.call(self._mode_client, SetMode.Request(mode=mode), what, outcome, stops=stops)
 
     def set_gait(self, gait: str) -> None:
         """Ask for a gait."""
@@ -157,28 +164,53 @@ class RobotOperator:
         """Reset the faults of the drives."""
         self.call(self._reset_client, Trigger.Request(), "reset faults")
 
-    def call(self, client: Client, request: Any, what: str, outcome: Outcome | None = None) -> None:
+    def call(
+        self,
+        client: Client,
+        request: Any,
+        what: str,
+        outcome: Outcome | None = None,
+        *,
+        stops: bool = False,
+    ) -> None:
         """Call a service without waiting; note how it went when it answers.
+
+        A request is refused while many are not answered; one that stops the robot is not.
 
         Args:
             client: of the service.
             request: what to ask for.
             what: the same in words.
             outcome: of the request that it is a part of, that of the present one where None.
+            stops: it stops the robot.
         """
         outcome = outcome or self.outcome
         outcome.wait(what)
+        crowded = client.service_is_ready() and self._count_unanswered(client) >= _MOST_UNANSWERED
+        if crowded and not stops:
+            outcome.refuse(what, f"{what}: too much is asked at once")
+            return
         self._answer(client, request, what, outcome)
+
+    def _count_unanswered(self, client: Client) -> int:
+        """Return how many requests to a service wait for an answer; drop those of long ago."""
+        since = self.now() - _FORGOTTEN
+        sent = self._unanswered.get(client, {})
+        for future in [future for future, begun in sent.items() if begun < since]:
+            del sent[future]
+        return len(sent)
 
     def _answer(
         self, client: Client, request: Any, what: str, outcome: Outcome, *, alone: bool = False
     ) -> None:
         """Call a service; the answer is a part of the outcome, or all of it."""
         if not client.service_is_ready():
+            self._unanswered.pop(client, None)  # nobody will answer them
             outcome.refuse(what, f"{what}: {client.srv_name} is not there")
             return
 
         def answered(future: Future) -> None:
+            sent.pop(future, None)
             response = future.result()
             if response is None:
                 return
@@ -189,7 +221,10 @@ class RobotOperator:
             else:
                 outcome.refuse(what, f"{what}: refused, {response.message}")
 
-        client.call_async(request).add_done_callback(answered)
+        sent = self._unanswered.setdefault(client, {})
+        future = client.call_async(request)
+        sent[future] = self.now()
+        future.add_done_callback(answered)
 
     @property
     def _mode(self) -> str:
@@ -255,12 +290,12 @@ class RobotOperator:
         """
         self._stop_with(self._cut_client, "CUT")
         if not self._cut_client.service_is_ready():
-            self.call(self._stop_client, Trigger.Request(), "EMERGENCY STOP")
+            self.call(self._stop_client, Trigger.Request(), "EMERGENCY STOP", stops=True)
 
     def _stop_with(self, client: Client, what: str) -> None:
         self._stand_up_until = 0.0
-        self.call(client, Trigger.Request(), what)
-        self.set_mode("emergency_stop")
+        self.call(client, Trigger.Request(), what, stops=True)
+        self.set_mode(_EMERGENCY_STOP)
 
 
 def declare_limits(node: Node) -> Velocity:
