@@ -40,9 +40,19 @@ def test_the_newest_of_the_first_samples_is_repeated_until_the_next_ones():
     for number in range(4):
         samples.publish(b"%d" % number)
         node.look()
+        node.look()
     samples.publish(b"4")
     node.look()
+    node.look()
     assert node.published == [b"0", b"0", b"1", b"1", b"2", b"2", b"3", b"3", b"4"]
+
+
+def test_samples_that_follow_one_another_are_not_repeated():
+    node, samples = make()
+    for number in range(4):
+        samples.publish(b"%d" % number)
+        node.look()
+    assert node.published == [b"0", b"1", b"2", b"3"]
 
 
 def test_repeats_of_the_first_samples_end():
@@ -50,13 +60,14 @@ def test_repeats_of_the_first_samples_end():
     samples.publish(b"0")
     for _ in range(1000):
         node.look()
-    assert len(node.published) == 1 + 300
+    assert len(node.published) == 1 + 299  # none at the first look
 
 
 def test_an_inactive_driver_repeats_nothing():
     node, samples = make()
     samples.publish(b"0")
     node.publisher.is_activated = False
+    node.look()
     node.look()
     assert node.published == [b"0"]
 

@@ -25,7 +25,8 @@ class SamplePublisher:
     """Publishes samples from the thread of a device's link.
 
     A lockstep world that waits for a sample makes no other. It may wait in vain in two cases, in
-    which the newest sample is therefore published again:
+    which the newest sample is therefore published again, as long as no other has come since the
+    last look:
 
     - The first samples may be sent before discovery has made a way to the subscriber.
     - DDS drops what waits at a process that is stopped for a second; after this one was.
@@ -43,6 +44,7 @@ class SamplePublisher:
         self._publisher = node.create_lifecycle_publisher(kind, topic, qos.CONTROL_OFFERED)
         self._lock = threading.Lock()
         self._newest, self._count = b"", 0  # under the lock, as is publishing
+        self._seen = 0  # samples at the last look
         self._patient_clock = PatientClock(longest_look(node))
         self._left_at_start, self._left = _AT_START, 0
         if simulated:
@@ -61,6 +63,7 @@ class SamplePublisher:
         if self._patient_clock.missed - missed > _STOP:
             self._left = _AFTER_A_STOP
         with self._lock:
+            waits, self._seen = self._count == self._seen, self._count
             if not self._newest or not self._publisher.is_activated:
                 return
             if self._left > 0:
@@ -69,4 +72,5 @@ class SamplePublisher:
                 self._left_at_start -= 1
             else:
                 return
-            self._publisher.publish(self._newest)
+            if waits:
+                self._publisher.publish(self._newest)
