@@ -85,9 +85,13 @@ class Ramp:
             x += max(left - self.arc, 0.0)
         return SurfacePoint(x, z, angle)
 
-    def facets(self) -> list[tuple[Place, Place]]:
-        """Return where the straight pieces of foot, slope, crest and top begin and end."""
-        count = max(1, math.ceil(self.slope / _FACET - 1e-9)) if self.arc else 0
+    def facets(self, turn: float = _FACET) -> list[tuple[Place, Place]]:
+        """Return where the straight pieces of foot, slope, crest and top begin and end.
+
+        Args:
+            turn: most that one facet of an arc turns [rad].
+        """
+        count = max(1, math.ceil(self.slope / turn - 1e-9)) if self.arc else 0
         foot = [self.approach + self.arc * i / count for i in range(count)]
         crest = [self.slope_end + self.arc * i / count for i in range(count)]
         end = self.slope_end + self.arc

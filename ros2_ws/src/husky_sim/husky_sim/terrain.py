@@ -9,7 +9,10 @@ import numpy as np
 
 from husky_description.plain_mujoco import mujoco
 from husky_sim.gap import DEPTH, Gap
+from husky_sim.obstacle_solids import ground_boxes, obstacle_boxes
+from husky_sim.obstacle_world import DITCH_DEPTH
 from husky_sim.ramp import Ramp, SurfacePoint
+from husky_sim.random_world import random_world
 from husky_sim.scene_grounds import (
     MIXED_ROUGHNESS,
     START,
@@ -263,15 +266,27 @@ def _banks(spec: mujoco.MjSpec, options: TerrainOptions, rng: np.random.Generato
     _add_boxes(spec, rising_banks(options.area, options.slope))
 
 
-def _add_boxes(spec: mujoco.MjSpec, boxes: list[SolidBox]) -> None:
-    for index, box in enumerate(boxes):
+def _obstacles(spec: mujoco.MjSpec, options: TerrainOptions, rng: np.random.Generator) -> None:
+    """A world of ridges, ditches, walls and crates in a fence; no measure of options changes it."""
+    world = random_world(rng)
+    _plane(spec, [1.0, 0.0, 0.0, 0.0], -DITCH_DEPTH)
+    ground = ground_boxes(world)
+    _add_boxes(spec, ground, material="ground")
+    _add_boxes(spec, obstacle_boxes(world), first=len(ground))
+
+
+def _add_boxes(
+    spec: mujoco.MjSpec, boxes: list[SolidBox], first: int = 0, material: str = "tile"
+) -> None:
+    """Add boxes, numbered from `first` on."""
+    for index, box in enumerate(boxes, first):
         spec.worldbody.add_geom(
             name=f"{FLOOR}_{index}",
             type=mujoco.mjtGeom.mjGEOM_BOX,
             pos=box.centre,
             size=box.half_size,
             quat=box.quaternion,
-            material="tile",
+            material=material,
         )
 
 
@@ -288,6 +303,7 @@ KINDS_TABLE: dict[str, Builder] = {
     "boxes": _boxes,
     "mixed": _mixed,
     "banks": _banks,
+    "obstacles": _obstacles,
 }
 """Builder of each kind of ground: a new terrain is a function and a row here."""
 
