@@ -1,4 +1,4 @@
-"""Package husky_navigation: Map of the ground around the robot, and where the robot is in it."""
+"""Package husky_navigation: Map of the ground, the robot in it, and the cheapest way over it."""
 
 from setuptools import find_packages, setup
 
@@ -8,7 +8,7 @@ setup(
     name=package,
     version="0.1.0",
     packages=find_packages(exclude=["test"]),
-    package_data={package: ["py.typed"]},
+    package_data={package: ["py.typed", "planning/travel_costs.csv"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{package}"]),
         (f"share/{package}", ["package.xml"]),
