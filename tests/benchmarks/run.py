@@ -17,6 +17,7 @@ import mapping
 import mavlink
 import plan
 import plant
+import route
 import start
 
 from husky_experiments.session import SessionError
@@ -28,6 +29,7 @@ BENCHES: dict[str, Callable[[list[str]], dict[str, Any]]] = {
     "campaign": campaign.bench,
     "mapping": mapping.bench,
     "plan": plan.bench,
+    "route": route.bench,
     "plant": plant.bench,
     "control": control.bench,
     "drives": drives.bench,

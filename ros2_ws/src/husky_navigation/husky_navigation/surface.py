@@ -46,7 +46,7 @@ class SurfaceRules(NamedTuple):
 
 
 @njit(inline="always")
-def _fit_plane(elevation: Array, i: int, j: int, half: int) -> tuple[int, float, float, float]:
+def fit_plane(elevation: Array, i: int, j: int, half: int) -> tuple[int, float, float, float]:
     """Fit a plane to the cells around [i, j], up to `half` away along each axis.
 
     Returns:
@@ -134,7 +134,7 @@ def measure_surface(
         for j in range(columns):
             if math.isnan(elevation[i, j]):
                 continue
-            seen, dx, dy, spread = _fit_plane(elevation, i, j, rules.plane_cells)
+            seen, dx, dy, spread = fit_plane(elevation, i, j, rules.plane_cells)
             if not seen:
                 continue
             gradient = math.hypot(dx, dy) / rules.resolution
