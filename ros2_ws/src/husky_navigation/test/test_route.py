@@ -96,6 +96,15 @@ def test_a_robot_beside_a_wall_finds_its_way_out(walled: RouteGraph) -> None:
     assert find_route(walled, beside, START).length > 1.0
 
 
+@pytest.mark.parametrize(("step", "walked"), [(0.02, True), (0.03, False), (0.3, False)])
+def test_a_low_step_is_walked_over(step: float, walked: bool) -> None:
+    graph = graph_of(grid_seen(lambda x, y: np.where(x > 2.0, step, 0.0)))
+    if walked:
+        assert find_route(graph, START, PlanePose(4.0, 0.0, 0.0)).length == pytest.approx(4.0)
+    else:
+        assert refusal(graph, START, PlanePose(4.0, 0.0, 0.0)) is Refusal.NO_WAY
+
+
 @pytest.mark.parametrize(
     ("start", "goal", "reason"),
     [

@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 
 from husky_navigation.cells import Lattice
-from husky_navigation.planning.world_map import FrameOffset, WorldMap, shape_of
+from husky_navigation.frame_filter import LevelTransform
+from husky_navigation.planning.world_map import WorldMap, shape_of
 
 ROLLING = Lattice(0.04, 100, -50, -50)
-HERE = FrameOffset(0.0, 0.0, 0.0, 0.0)
+HERE = LevelTransform()
 
 
-def heights(lattice: Lattice, frame: FrameOffset, gradient: tuple[float, float]) -> np.ndarray:
+def heights(lattice: Lattice, frame: LevelTransform, gradient: tuple[float, float]) -> np.ndarray:
     """Return what a rolling map in a frame holds of a plane in `map` through its origin."""
     x, y = np.meshgrid(*lattice.cell_centers(), indexing="ij")
     c, s = math.cos(frame.yaw), math.sin(frame.yaw)
@@ -23,9 +24,9 @@ def heights(lattice: Lattice, frame: FrameOffset, gradient: tuple[float, float])
 
 
 @pytest.mark.parametrize(
-    "frame", [HERE, FrameOffset(1.0, -2.0, 0.3, 0.7), FrameOffset(-3.0, 0.5, -0.1, -2.5)]
+    "frame", [HERE, LevelTransform(1.0, -2.0, 0.3, 0.7), LevelTransform(-3.0, 0.5, -0.1, -2.5)]
 )
-def test_a_rolling_map_of_any_frame_lies_where_it_belongs(frame: FrameOffset) -> None:
+def test_a_rolling_map_of_any_frame_lies_where_it_belongs(frame: LevelTransform) -> None:
     world = WorldMap()
     count = world.merge(heights(ROLLING, frame, (0.2, -0.1)), ROLLING, frame)
     assert count == pytest.approx((4.0 / 0.05) ** 2, rel=0.03)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 
@@ -18,21 +17,12 @@ from husky_sim.obstacle_world import (
     Ridge,
 )
 from husky_sim.ramp import Place
-from husky_sim.scene_grounds import SolidBox
+from husky_sim.scene_grounds import Patch, SolidBox
 
 _MARGIN = 4.0
 """Level ground beyond the fence [m]."""
 _BURIED = 0.05
 """Depth of ridges, walls and crates below the ground [m]."""
-
-
-class _Patch(NamedTuple):
-    """A rectangle of level ground along the axes of world [m]."""
-
-    x_start: float
-    x_end: float
-    y_start: float
-    y_end: float
 
 
 def ground_boxes(world: ObstacleWorld) -> list[SolidBox]:
@@ -53,10 +43,10 @@ def obstacle_boxes(world: ObstacleWorld) -> list[SolidBox]:
     return boxes
 
 
-def _patches_around(ditches: tuple[Rectangle, ...]) -> list[_Patch]:
+def _patches_around(ditches: tuple[Rectangle, ...]) -> list[Patch]:
     """Return strips along y that fill the world and its margin except for the ditches."""
     pits = [
-        _Patch(d.x - d.length / 2, d.x + d.length / 2, d.y - d.width / 2, d.y + d.width / 2)
+        Patch(d.x - d.length / 2, d.x + d.length / 2, d.y - d.width / 2, d.y + d.width / 2)
         for d in ditches
     ]
     first, last, edge = FIRST_X - _MARGIN, LAST_X + _MARGIN, SIDE / 2 + _MARGIN
@@ -66,9 +56,9 @@ def _patches_around(ditches: tuple[Rectangle, ...]) -> list[_Patch]:
         crossed = [p for p in pits if p.x_start < (start + end) / 2 < p.x_end]
         low = -edge
         for pit in sorted(crossed, key=lambda pit: pit.y_start):
-            patches.append(_Patch(start, end, low, pit.y_start))
+            patches.append(Patch(start, end, low, pit.y_start))
             low = pit.y_end
-        patches.append(_Patch(start, end, low, edge))
+        patches.append(Patch(start, end, low, edge))
     return patches
 
 

@@ -70,7 +70,7 @@ class SolidBox(NamedTuple):
     quaternion: tuple[float, float, float, float]
 
 
-class _Patch(NamedTuple):
+class Patch(NamedTuple):
     """A rectangle of ground [m]."""
 
     x_start: float
@@ -126,16 +126,16 @@ class SceneArea:
         free = self.lane * (self.approach - START) if self.lane else 0.0
         return WIDTH * self.length - free
 
-    def patches(self, inset: float) -> list[_Patch]:
+    def patches(self, inset: float) -> list[Patch]:
         """Return the rectangles that make up the area, `inset` away from the lane [m]."""
         edge = WIDTH / 2
         if not self.lane:
-            return [_Patch(START, self.end, -edge, edge)]
+            return [Patch(START, self.end, -edge, edge)]
         inner, ahead = self.lane / 2 + inset, self.approach + inset
         return [
-            _Patch(START, ahead, inner, edge),
-            _Patch(START, ahead, -edge, -inner),
-            _Patch(ahead, self.end, -edge, edge),
+            Patch(START, ahead, inner, edge),
+            Patch(START, ahead, -edge, -inner),
+            Patch(ahead, self.end, -edge, edge),
         ]
 
     def holds(self, spot: _Spot) -> bool:
@@ -188,7 +188,7 @@ def rough_facets(
 
 
 def _facets_of(
-    patch: _Patch, height: float, size: float, rng: np.random.Generator
+    patch: Patch, height: float, size: float, rng: np.random.Generator
 ) -> list[SolidBox]:
     """Return a grid of facets, each the plane that fits best to the heights of its four corners."""
     rows = max(1, int((patch.x_end - patch.x_start) / size))
@@ -254,9 +254,9 @@ def rising_tiers(area: SceneArea, height: float, size: float) -> list[SolidBox]:
     boxes = []
     for tier in range(count):
         inner, ahead = area.lane / 2 + tier * size, area.approach + tier * size
-        patches = [_Patch(START, area.end, inner, edge), _Patch(START, area.end, -edge, -inner)]
+        patches = [Patch(START, area.end, inner, edge), Patch(START, area.end, -edge, -inner)]
         if ahead < area.end:
-            patches.append(_Patch(ahead, area.end, -inner, inner))
+            patches.append(Patch(ahead, area.end, -inner, inner))
         boxes += [_tier(patch, (tier + 1) * height) for patch in patches]
     return boxes
 
@@ -270,14 +270,14 @@ def rising_banks(area: SceneArea, slope: float) -> list[SolidBox]:
     """
     edge, rise = WIDTH / 2, math.tan(slope)
     inner, ahead = area.lane / 2, area.approach
-    left, right = _Patch(START, area.end, inner, edge), _Patch(START, area.end, -edge, -inner)
+    left, right = Patch(START, area.end, inner, edge), Patch(START, area.end, -edge, -inner)
     banks = [(left, (0.0, rise)), (right, (0.0, -rise))]
     if area.lane:
-        banks.append((_Patch(ahead, area.end, -edge, edge), (rise, 0.0)))
+        banks.append((Patch(ahead, area.end, -edge, edge), (rise, 0.0)))
     return [_bank(patch, slopes) for patch, slopes in banks]
 
 
-def _bank(patch: _Patch, slopes: tuple[float, float]) -> SolidBox:
+def _bank(patch: Patch, slopes: tuple[float, float]) -> SolidBox:
     """Return a plane of slopes along x and y whose lower edge lies on the ground."""
     edges = patch.x_end - patch.x_start, patch.y_end - patch.y_start
     height = abs(slopes[0]) * edges[0] + abs(slopes[1]) * edges[1]
@@ -285,7 +285,7 @@ def _bank(patch: _Patch, slopes: tuple[float, float]) -> SolidBox:
     return _facet(np.array((*centre, height / 2)), edges, slopes, height)
 
 
-def _tier(patch: _Patch, top: float) -> SolidBox:
+def _tier(patch: Patch, top: float) -> SolidBox:
     centre = (patch.x_start + patch.x_end) / 2, (patch.y_start + patch.y_end) / 2
     edges = patch.x_end - patch.x_start, patch.y_end - patch.y_start
     return _upright_box(centre, edges, 0.0, top)

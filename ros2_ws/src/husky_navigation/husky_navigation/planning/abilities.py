@@ -16,7 +16,7 @@ class WalkAbility:
     Attributes:
         speed: that is planned with, one of those measured [m/s].
         most_slope: rise over way [-]; the trot is one for level ground.
-        most_roughness: deviation of the ground from a plane, rms [m]; a step of 4 cm.
+        most_roughness: deviation of the ground from a plane, rms [m].
         clearance: from steeper ground, of the base's centre [m].
     """
 
@@ -32,8 +32,9 @@ class ClimbAbility:
 
     Attributes:
         speed: that is planned with, one of those measured [m/s].
-        most_slope_deg: steepest ground [deg].
-        least_radius: of the ground where it bends, at foot and crest [m].
+        most_slope_deg: steepest ground [deg]; 45 deg are measured, 2 are for errors of the map.
+        least_radius: of the ground where it bends [m]; less than of a slope that it can climb, for
+            behind a crest unseen ground is taken for level.
         least_slope_deg: of the steepest part of a slope; gentler ground is no slope [deg].
         half_width: of the lane that has to be even [m].
         most_skew: angle between the lane and the fall line [rad].

@@ -21,8 +21,8 @@ HEADINGS = 8
 COARSENING = 2
 """Cells of the world map along an edge of a planning cell."""
 _WIDE = 2
-"""Planning cells to each side across which the rise of the ground is measured: a step of a few
-centimetres is no slope."""
+"""Planning cells to each side across which the rise of the ground is measured: so noise of the map
+is no slope."""
 
 
 class PlanningGrid(NamedTuple):

@@ -185,7 +185,7 @@ class _Builder:
         points = np.array([self._graph.grid.centre(each.cell) for each in (start, end)])
         uphill = float(self._graph.lanes.direction[lane])
         yaw = math.remainder(uphill + math.pi * end.downwards, 2.0 * math.pi)
-        return Leg(CLIMB, points, yaw, end.time - start.time, end.energy - start.energy)
+        return Leg(CLIMB, points, yaw, end.time, end.energy)
 
     def _walk(
         self,

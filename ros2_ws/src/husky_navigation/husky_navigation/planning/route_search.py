@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -90,18 +91,16 @@ class NoRouteError(Exception):
 
 @dataclass(frozen=True)
 class Step:
-    """A node of a route, and how the robot gets there.
+    """A cell of a route, and the move that leads there.
 
     Attributes:
-        heading: 0 to 7.
         cell: [i, j].
         lane: that leads here, None of a walk.
         downwards: that lane is taken downwards.
-        time: from the start [s].
-        energy: from the start [J].
+        time: of the move [s].
+        energy: of the move [J].
     """
 
-    heading: int
     cell: tuple[int, int]
     lane: int | None
     downwards: bool
@@ -233,16 +232,19 @@ class RouteGraph:
 
     def _steps(self, nodes: Sequence[int]) -> Iterator[Step]:
         """Yield the steps of a way over nodes."""
-        time, energy, lane = 0.0, 0.0, _NO_LANE
-        for before, node in zip([None, *nodes[:-1]], nodes, strict=True):
-            if before is not None:
-                edge = self._cheapest(before, node)
-                time += float(self._edges.time[edge])
-                energy += float(self._edges.energy[edge])
-                lane = int(self._edges.lane[edge])
-            heading, i, j = (int(each) for each in np.unravel_index(node, self._number.shape))
-            taken = None if lane == _NO_LANE else lane // 2
-            yield Step(heading, (i, j), taken, lane % 2 == 1 and taken is not None, time, energy)
+        yield Step(self._cell(nodes[0]), None, False, 0.0, 0.0)
+        for before, node in pairwise(nodes):
+            edge = self._cheapest(before, node)
+            time, energy = float(self._edges.time[edge]), float(self._edges.energy[edge])
+            lane, downwards = divmod(int(self._edges.lane[edge]), 2)
+            walks = self._edges.lane[edge] == _NO_LANE
+            taken = None if walks else lane
+            yield Step(self._cell(node), taken, bool(downwards) and not walks, time, energy)
+
+    def _cell(self, node: int) -> tuple[int, int]:
+        """Return the cell [i, j] of a node."""
+        _, i, j = np.unravel_index(node, self._number.shape)
+        return int(i), int(j)
 
     def _cheapest(self, start: int, end: int) -> int:
         """Return the cheapest edge from one node to another."""

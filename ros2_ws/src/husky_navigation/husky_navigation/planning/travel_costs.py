@@ -150,7 +150,7 @@ def read_costs(file: TextIO) -> list[TravelCost]:
     """Read costs from a table; lines that begin with # are comments.
 
     Raises:
-        ValueError: the table is damaged; names the line.
+        ValueError: the table is damaged; names the row, comments not counted.
     """
     rows, lines = [], (line for line in file if not line.startswith("#"))
     reader = csv.DictReader(lines)

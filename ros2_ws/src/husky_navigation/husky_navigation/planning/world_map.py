@@ -12,6 +12,7 @@ from scipy import ndimage
 
 from husky_description.arrays import Array
 from husky_navigation.cells import Lattice
+from husky_navigation.frame_filter import LevelTransform
 from husky_navigation.surface import fit_plane
 
 _HALF = 2
@@ -20,15 +21,6 @@ _FILLED = 0.75
 """Distance from a seen cell up to which unseen ones are filled [m]: gaps of twice that."""
 _SWEEPS, _OVER = 60, 1.7
 """Sweeps over the cells that are filled, and over-relaxation of each."""
-
-
-class FrameOffset(NamedTuple):
-    """Pose of a level frame in another: place [m] and heading [rad]."""
-
-    x: float
-    y: float
-    z: float
-    yaw: float
 
 
 class Shape(NamedTuple):
@@ -67,7 +59,7 @@ class WorldMap:
         """Forget everything."""
         self.elevation.fill(np.nan)
 
-    def merge(self, elevation: Array, lattice: Lattice, frame: FrameOffset) -> int:
+    def merge(self, elevation: Array, lattice: Lattice, frame: LevelTransform) -> int:
         """Take over what an elevation map shows; its cells replace those that were known before.
 
         Args:
