@@ -3,12 +3,16 @@
 import socket
 
 from node_bench import DeviceThread, NodeBench
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
 
 from husky_msgs.msg import FanCommand, FlightSensors
 from husky_runtime import graph
 from husky_runtime.nodes import qos, stamps
 
 VOLTAGE = 24.5
+_ANSWER_TIME = 0.05
+"""Wall time after which a sample without an answer is sent again [s]."""
 
 
 class FlightBench(NodeBench):
@@ -28,7 +32,7 @@ class FlightBench(NodeBench):
             FlightSensors, graph.FLIGHT_SENSORS, qos.CONTROL
         )
         self.commands = []
-        self.node.create_subscription(
+        self._listener().create_subscription(
             FanCommand, graph.FAN_COMMAND, self.commands.append, qos.CONTROL
         )
         self.time_ns = -graph.TICK_PERIOD_NS
@@ -40,6 +44,10 @@ class FlightBench(NodeBench):
             **parameters,
         }
         self.start(**values)
+
+    def _listener(self):
+        """Return the node that hears the commands."""
+        return self.node
 
     def say(self):
         """Publish what the sensors measure now."""
@@ -55,20 +63,32 @@ class FlightBench(NodeBench):
     @property
     def answered_ns(self):
         """Stamp of the last command of the fans [ns]."""
-        return stamps.to_ns(self.commands[-1].stamp) if self.commands else -1
+        return stamps.to_ns(self.commands[-1].stamp) if self.commands else -graph.TICK_PERIOD_NS
 
 
 class RunningFlightBench(FlightBench):
-    """The same at about 500 Hz, by itself."""
+    """The same at up to 500 Hz, by itself: a sample follows when the last one is answered.
+
+    A flight controller that stands still for long would otherwise lose samples, and find that its
+    sensors are lost.
+    """
 
     def __init__(self, domain, directory, **parameters):
         super().__init__(domain, directory, **parameters)
         self._thread = DeviceThread(graph.TICK_PERIOD, self._tick)
         self._thread.start()
 
-    def _tick(self, number):
-        self.time_ns = number * graph.TICK_PERIOD_NS
-        self.say()
+    def _listener(self):
+        self._ear = Node("plant", context=self.context)
+        self._ears = SingleThreadedExecutor(context=self.context)
+        self._ears.add_node(self._ear)
+        return self._ear
+
+    def _tick(self, _):
+        if self.answered_ns >= self.time_ns:
+            self.time_ns += graph.TICK_PERIOD_NS
+        self.say()  # again, as long as no answer comes
+        self._ears.spin_once(timeout_sec=_ANSWER_TIME)
 
     def advance(self, seconds):
         """Wait until so much of its time has gone by."""
@@ -77,6 +97,8 @@ class RunningFlightBench(FlightBench):
 
     def _give_back(self):
         self._thread.end()
+        self._ears.shutdown()
+        self._ear.destroy_node()
         super()._give_back()
 
 
