@@ -130,13 +130,33 @@ def test_ground_that_turns_and_turns_back_changes_nothing():
     plane = plane_from_world(np.array([-0.5, 0.0, 0.75**0.5]))
     walking.stand_on(Ground(plane=plane))
     np.testing.assert_allclose(walking.body_position, plane @ before, atol=1e-12)
-    np.testing.assert_allclose(
-        walking.reference.position, walking.body_position[:2], atol=1e-12
-    )
+    np.testing.assert_allclose(walking.reference.position, walking.body_position[:2], atol=1e-12)
     assert walking.ground.gravity == pytest.approx(9.80665 * 0.75**0.5)
     walking.stand_on(Ground())
     np.testing.assert_allclose(walking.body_position, before, atol=1e-12)
     assert walking.reference.yaw == pytest.approx(yaw, abs=1e-12)
+
+
+def test_ground_that_turns_keeps_its_height_under_the_robot_though_the_reference_strays():
+    """Feet hold the body back for metres; then the ground turns about a place far away."""
+    kinematics = Kinematics(ROBOT)
+    feet = kinematics.foot_positions(ROBOT.stand_joint_position)
+    walking = Walking(ROBOT, Parameters(), GAITS["climb"])
+    estimated = np.array([4.0, 0.0, -feet[:, 2].mean()])
+    walking.begin(np.eye(3), estimated, feet, GAITS["climb"])
+    estimated[0] += 0.3
+    walking.tick(
+        BodyInGround(np.eye(3), np.zeros(3), estimated, np.zeros(3)),
+        FeetState(feet, estimated + feet, np.ones(4, dtype=bool), np.zeros((4, 3))),
+        lift=0.0,
+        dt=DT,
+    )
+    feet_before = walking.body_position - walking._feet.anchor
+    plane = plane_from_world(np.array([-0.5, 0.0, 0.75**0.5]))
+    walking.stand_on(Ground(plane=plane))
+    np.testing.assert_allclose(walking.body_position, plane @ estimated, atol=1e-3)
+    feet_after = walking.body_position - walking._feet.anchor
+    np.testing.assert_allclose(feet_after, feet_before @ plane.T, atol=1e-12)
 
 
 def test_the_ground_under_a_walk_is_a_value():
