@@ -120,6 +120,23 @@ def test_a_pushed_robot_moves_its_foothold_if_it_leans_as_far_as_the_time_left_a
     assert least < before - walking.foothold[LEG, 0] < most
 
 
+@pytest.mark.parametrize(("curvature", "drop"), [(-1.0, 0.5), (0.0, 0.0), (1.0, 0.0)])
+def test_a_foothold_lies_on_ground_that_falls_away(curvature, drop):
+    """By half the curvature times way^2; ground that rises may come early."""
+    held = []
+
+    def curves(walking, velocity):
+        curve = np.array([[curvature, 0.0], [0.0, 0.0]])
+        walking.stand_on(replace(walking.ground, curve=curve))
+        held.append(walking)
+
+    swing_of_a_step(curves, at=0.0)
+    paths = held[0]._steps.paths
+    way_x, _, rise = (paths.foothold[LEG] - paths.start[LEG]).tolist()
+    assert way_x > 0.05
+    assert rise == pytest.approx(-drop * way_x**2, abs=1e-4)
+
+
 def test_ground_that_turns_and_turns_back_changes_nothing():
     """On an incline of 30 deg the body is where it was, seen in the new frame; and back again."""
     kinematics = Kinematics(ROBOT)
@@ -163,6 +180,6 @@ def test_the_ground_under_a_walk_is_a_value():
     ground = Ground(plane=np.eye(3), bend=np.zeros((4, 2)))
     with pytest.raises(FrozenInstanceError):
         ground.pitch = 0.1
-    for array in (ground.plane, ground.bend):
+    for array in (ground.plane, ground.bend, ground.curve):
         with pytest.raises(ValueError, match="read-only"):
             array[0, 0] = 1.0
