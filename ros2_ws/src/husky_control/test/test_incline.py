@@ -195,6 +195,15 @@ def test_the_bend_of_the_ground_is_learnt_up_and_down(start, end):
         np.testing.assert_allclose(normal, normal_of(math.degrees(on_arc(way)[1])), atol=0.025)
 
 
+def test_the_curvature_of_the_ground_is_that_of_the_arc():
+    incline = Incline()
+    walk_on_arc(incline, 0.3, 1.2)
+    # Belief in straight ground takes a little of it.
+    assert incline.curvature == pytest.approx(1.0 / RADIUS, rel=0.15)
+    incline.reset(FEET)
+    assert incline.curvature == 0.0
+
+
 def test_noise_of_the_feet_bends_no_plane():
     incline = Incline()
     walk_on_arc(incline, -3.0, -0.5, noise=0.003)

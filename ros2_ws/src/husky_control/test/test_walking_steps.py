@@ -120,6 +120,23 @@ def test_a_pushed_robot_moves_its_foothold_if_it_leans_as_far_as_the_time_left_a
     assert least < before - walking.foothold[LEG, 0] < most
 
 
+@pytest.mark.parametrize(("curvature", "drop"), [(-1.0, 0.5), (0.0, 0.0), (1.0, 0.0)])
+def test_a_foothold_lies_on_ground_that_falls_away(curvature, drop):
+    """By half the curvature times way^2; ground that rises may come early."""
+    held = []
+
+    def curves(walking, velocity):
+        curve = np.array([[curvature, 0.0], [0.0, 0.0]])
+        walking.stand_on(replace(walking.ground, curve=curve))
+        held.append(walking)
+
+    swing_of_a_step(curves, at=0.0)
+    paths = held[0]._steps.paths
+    way_x, _, rise = (paths.foothold[LEG] - paths.start[LEG]).tolist()
+    assert way_x > 0.05
+    assert rise == pytest.approx(-drop * way_x**2, abs=1e-4)
+
+
 def test_ground_that_turns_and_turns_back_changes_nothing():
     """On an incline of 30 deg the body is where it was, seen in the new frame; and back again."""
     kinematics = Kinematics(ROBOT)
@@ -130,19 +147,39 @@ def test_ground_that_turns_and_turns_back_changes_nothing():
     plane = plane_from_world(np.array([-0.5, 0.0, 0.75**0.5]))
     walking.stand_on(Ground(plane=plane))
     np.testing.assert_allclose(walking.body_position, plane @ before, atol=1e-12)
-    np.testing.assert_allclose(
-        walking.reference.position, walking.body_position[:2], atol=1e-12
-    )
+    np.testing.assert_allclose(walking.reference.position, walking.body_position[:2], atol=1e-12)
     assert walking.ground.gravity == pytest.approx(9.80665 * 0.75**0.5)
     walking.stand_on(Ground())
     np.testing.assert_allclose(walking.body_position, before, atol=1e-12)
     assert walking.reference.yaw == pytest.approx(yaw, abs=1e-12)
 
 
+def test_ground_that_turns_keeps_its_height_under_the_robot_though_the_reference_strays():
+    """Feet hold the body back for metres; then the ground turns about a place far away."""
+    kinematics = Kinematics(ROBOT)
+    feet = kinematics.foot_positions(ROBOT.stand_joint_position)
+    walking = Walking(ROBOT, Parameters(), GAITS["climb"])
+    estimated = np.array([4.0, 0.0, -feet[:, 2].mean()])
+    walking.begin(np.eye(3), estimated, feet, GAITS["climb"])
+    estimated[0] += 0.3
+    walking.tick(
+        BodyInGround(np.eye(3), np.zeros(3), estimated, np.zeros(3)),
+        FeetState(feet, estimated + feet, np.ones(4, dtype=bool), np.zeros((4, 3))),
+        lift=0.0,
+        dt=DT,
+    )
+    feet_before = walking.body_position - walking._feet.anchor
+    plane = plane_from_world(np.array([-0.5, 0.0, 0.75**0.5]))
+    walking.stand_on(Ground(plane=plane))
+    np.testing.assert_allclose(walking.body_position, plane @ estimated, atol=1e-3)
+    feet_after = walking.body_position - walking._feet.anchor
+    np.testing.assert_allclose(feet_after, feet_before @ plane.T, atol=1e-12)
+
+
 def test_the_ground_under_a_walk_is_a_value():
     ground = Ground(plane=np.eye(3), bend=np.zeros((4, 2)))
     with pytest.raises(FrozenInstanceError):
         ground.pitch = 0.1
-    for array in (ground.plane, ground.bend):
+    for array in (ground.plane, ground.bend, ground.curve):
         with pytest.raises(ValueError, match="read-only"):
             array[0, 0] = 1.0

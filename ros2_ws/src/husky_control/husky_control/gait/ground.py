@@ -21,6 +21,7 @@ class Ground:
         plane: (3, 3) rotation, world to the frame of the ground.
         bend: (4, 2), rise over the plane per way along x and y of the ground where each foot stood
             last; None where a foot is expected to land at the height of the others.
+        curve: (2, 2), change of that rise per way along x and y, symmetric [1/m].
         load_slope: tangential over normal load of the feet, along x and y.
         shift: of the feet from under the body, along x and y, so that the load passes through it
             [m].
@@ -30,6 +31,7 @@ class Ground:
 
     plane: Array = field(default_factory=lambda: np.eye(3))
     bend: Array | None = None
+    curve: Array = field(default_factory=lambda: np.zeros((2, 2)))
     load_slope: tuple[float, float] = (0.0, 0.0)
     shift: tuple[float, float] = (0.0, 0.0)
     pitch: float = 0.0
@@ -37,7 +39,7 @@ class Ground:
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
-        self.plane.flags.writeable = False
+        self.plane.flags.writeable = self.curve.flags.writeable = False
         if self.bend is not None:
             self.bend.flags.writeable = False
 

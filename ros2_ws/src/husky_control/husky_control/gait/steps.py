@@ -115,8 +115,11 @@ class Steps:
         start, foothold = self.paths.start[leg], self.paths.foothold[leg]
         rise = height - float(start[2])
         if ground.bend is not None:
-            # Ground that bends upward comes a little early: better than late.
-            bent = float(ground.bend[leg] @ (foothold[:2] - start[:2])) - rise
+            # Ground that bends upward comes a little early: better than late, as it would come
+            # where it bends downward.
+            way = foothold[:2] - start[:2]
+            fall = min(0.0, 0.5 * float(way @ ground.curve @ way))
+            bent = float(ground.bend[leg] @ way) + fall - rise
             rise += min(self._most_rise, max(-self._most_rise, bent))
         if not self._clock.liftoff[leg]:
             before = float(self._rise[leg])

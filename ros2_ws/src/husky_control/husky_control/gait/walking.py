@@ -94,6 +94,7 @@ class Walking:
         self._height = self._stand_height  # m, of the body over the feet's plane
         self._plane_height = 0.0  # m, of the feet's plane
         self._load = np.zeros(LEGS)
+        self._stray = np.zeros(2)  # m, from the estimated body to the reference body
 
     def begin(self, rotation: Array, position: Array, foot_in_base: Array, gait: Gait) -> None:
         """Take over a standing robot whose legs were commanded to place the feet at foot_in_base.
@@ -113,6 +114,7 @@ class Walking:
         self._plane_height = float(position[2]) - self._height
         self.body_position[:] = position
         self.body_velocity.fill(0.0)
+        self._stray.fill(0.0)
         self._feet.anchor[:] = self.body_position + foot_in_base @ self.body_rotation.T
         self._feet.blend.fill(0.0)
         self._legs.feet.position[:] = foot_in_base
@@ -183,6 +185,7 @@ class Walking:
         moving = self._moving()
         anew = self._note_events(body, feet)
         self._move_body(body.velocity, moving, hold, dt)
+        self._stray[:] = self.body_position[:2] - body.position[:2]
         if moving:
             approach = self._approach(yaw, body) if anew else None
             self._steps.tick(self.ground, self._plane_height, approach, dt)
@@ -310,6 +313,10 @@ class Walking:
         Args:
             turn: (3, 3), the old frame to the new one, about their common origin.
         """
+        # A point that is off by the stray turns to another height than the feet.
+        self.body_position[:2] -= self._stray
+        self._feet.anchor[:, :2] -= self._stray
+        self._stray.fill(0.0)
         below = np.array([self.body_position[0], self.body_position[1], self._plane_height])
         lag = self.reference.position - self.body_position[:2]
         yaw = self.reference.yaw

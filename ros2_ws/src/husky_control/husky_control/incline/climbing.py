@@ -110,7 +110,13 @@ class Climbing:
     def ground(self, height: float) -> Ground:
         """Return what is walked on, for a body at a height over the centres of the feet [m]."""
         return Ground(
-            self.plane, self.bend(), self.load_slope(), self.shift(height), self.pitch, self.sink
+            self.plane,
+            self.bend(),
+            self.curve(),
+            self.load_slope(),
+            self.shift(height),
+            self.pitch,
+            self.sink,
         )
 
     def shift(self, height: float) -> tuple[float, float]:
@@ -237,6 +243,12 @@ class Climbing:
         normals = self.incline.normals @ self.plane.T
         slopes: Array = -normals[:, :2] / np.maximum(normals[:, 2:], 0.3)
         return slopes
+
+    def curve(self) -> Array:
+        """Return the change of that rise per way, (2, 2) 1/m."""
+        ahead = (self.plane @ self.incline.ahead)[:2]
+        change: Array = self.incline.curvature * np.outer(ahead, ahead)
+        return change
 
     def _needed(self, normals: list[Array]) -> Array:
         """Thrust in world that the statics of the grounds under the feet ask for."""

@@ -178,12 +178,15 @@ class Incline:
     Attributes:
         normal: (3,) unit vector in world, outward, behind a first-order filter.
         normals: (4, 3) unit vectors in world, of the ground where each foot came down last.
+        ahead: (3,) unit vector in world, along the way.
+        curvature: change of the ground's slope per way along it, negative over a crest [1/m].
     """
 
     def __init__(self) -> None:
         """Level."""
         self.normal = np.array([0.0, 0.0, 1.0])
         self.normals = np.tile(self.normal, (LEGS, 1))
+        self.ahead, self.curvature = np.array([1.0, 0.0, 0.0]), 0.0
         self._contact = np.zeros((LEGS, 3))
         self._landings = np.zeros((LANDINGS, LEGS, 3))  # where each foot came down, newest first
 
@@ -192,6 +195,7 @@ class Incline:
         self._contact[:] = self._landings[:] = foot_in_world
         self.normal[:] = self._spanned()
         self.normals[:] = self.normal
+        self.curvature = 0.0
 
     def tick(
         self,
@@ -234,7 +238,8 @@ class Incline:
         square[2, 2] += STRAIGHTNESS
         square[1, 1] += 1e-9  # m^2: feet all side by side tell no slope
         _, slope, bend = np.linalg.solve(square, columns.T @ height)
-        slopes = slope + 2.0 * bend * (self._landings[0] @ ahead - middle)
+        self.ahead, self.curvature = ahead, 2.0 * float(bend)
+        slopes = slope + self.curvature * (self._landings[0] @ ahead - middle)
         normals = self.normal - slopes[:, None] * ahead
         self.normals[:] = normals / np.linalg.norm(normals, axis=1, keepdims=True)
 
