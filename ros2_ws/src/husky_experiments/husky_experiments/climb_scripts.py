@@ -18,6 +18,8 @@ _LOW = 0.4
 """Share of its height over the feet below which a climbing robot has fallen."""
 _CHECK = 0.2
 """Between two looks at whether it has fallen [s]."""
+_TURN_RATE = 0.5
+"""Of a turn on the spot, in mode `wair` [rad/s]."""
 
 
 def place(session: Session) -> Array:
@@ -62,9 +64,13 @@ def get_ready(session: Session, *, fans: bool = True) -> None:
     session.set_mode("wair", reached="wair", within=1.0)
 
 
-def go(session: Session, course: Course, duration: float, speed: float) -> bool:
-    """Walk at a speed [m/s] for a while [s]; return whether the robot is on its legs still."""
-    session.set_velocity(speed)
+def go(
+    session: Session, course: Course, duration: float, speed: float, turn: float = 0.0
+) -> bool:
+    """Walk at a speed [m/s] and a yaw rate [rad/s] for a while [s]; return whether the robot is on
+    its legs still.
+    """
+    session.set_velocity(speed, 0.0, turn)
     end = session.time + duration
     while session.time < end - 1e-9:
         session.advance(min(_CHECK, end - session.time))
@@ -78,7 +84,8 @@ def go_to(session: Session, course: Course, along: float, speed: float, within: 
     the straight part [m], negative before it; return whether it got there within a time [s].
     """
     end = session.time + within
-    while (course.along(place(session)) - along) * math.copysign(1.0, speed) < 0.0:
+    uphill = along > course.along(place(session))
+    while (course.along(place(session)) < along) is uphill:
         if session.time > end or not go(session, course, _CHECK, speed):
             return False
     return True
@@ -92,8 +99,23 @@ def climb_onto(session: Session, course: Course, speed: float) -> bool:
     return go_to(session, course, CLEAR, speed, 5.0 + 3.0 * way / speed)
 
 
+def turn_on_top(session: Session, course: Course, speed: float) -> bool:
+    """Walk at a speed [m/s] from the slope over its crest, turn round, and walk down again until
+    all feet are on the slope; return whether it got there.
+    """
+    top = course.along(course.crest_middle + np.array([0.0, 0.0, course.blend]))
+    way = top - course.along(place(session))
+    return (
+        go_to(session, course, top + CLEAR, speed, 5.0 + 3.0 * way / speed)
+        and go(session, course, math.pi / _TURN_RATE, 0.0, _TURN_RATE)
+        and go_to(session, course, course.length - CLEAR, speed, 5.0 + 3.0 * (top / speed))
+    )
+
+
 def walk_down(session: Session, course: Course, speed: float) -> bool:
-    """Walk backwards at a speed [m/s] to the flat before the slope; return whether it got there."""
+    """Walk at a speed [m/s], negative backwards, to the flat before the slope; return whether it
+    got there.
+    """
     before = course.along(np.array([course.approach - Course.approach - 0.1, 0.0, 0.0]))
     way = course.along(place(session)) - before
-    return go_to(session, course, before, -speed, 5.0 + 3.0 * way / speed)
+    return go_to(session, course, before, speed, 5.0 + 3.0 * way / abs(speed))

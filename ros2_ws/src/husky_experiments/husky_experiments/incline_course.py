@@ -72,13 +72,24 @@ class Course:
         """Return the height of a position over the ground, at right angles to it [m]."""
         if self.slope_deg == 0.0:
             return float(position[2])
-        over = float((position - self.foot) @ self.normal)
-        if self.along(position) >= 0.0:
-            return over
-        centre = np.array([self.approach, 0.0, self.blend])
-        if position[0] <= self.approach:
-            return float(position[2])
-        return self.blend - float(np.linalg.norm((position - centre)[[0, 2]]))
+        along = self.along(position)
+        if 0.0 <= along <= self.length:
+            return float((position - self.foot) @ self.normal)
+        if along < 0.0:
+            middle = np.array([self.approach, 0.0, self.blend])
+            if position[0] <= middle[0]:
+                return float(position[2])
+            return self.blend - float(np.linalg.norm((position - middle)[[0, 2]]))
+        middle = self.crest_middle
+        if position[0] >= middle[0]:
+            return float(position[2] - middle[2]) - self.blend
+        return float(np.linalg.norm((position - middle)[[0, 2]])) - self.blend
+
+    @property
+    def crest_middle(self) -> Array:
+        """Centre of the arc between slope and level top, below the ground, in world [m] (3,)."""
+        crest: Array = self.foot + self.length * self.uphill - self.blend * self.normal
+        return crest
 
 
 def course_for(

@@ -25,8 +25,8 @@ class DriftingRobot:
         self.state = SimpleNamespace(mode="wair")
         self.advance(0.0)
 
-    def set_velocity(self, speed: float) -> None:
-        self.velocity = speed
+    def set_velocity(self, vx: float, vy: float = 0.0, yaw_rate: float = 0.0) -> None:
+        self.velocity = vx
 
     def advance(self, duration: float) -> None:
         self.time += duration
@@ -48,7 +48,7 @@ def test_the_estimate_leads_up_and_down():
     # One look later than it is there, at most: 0.2 s.
     assert 0.0 <= COURSE.along(place(robot)) - CLEAR <= 1.1 * 0.2 * SPEED
     assert 0.1 < CLEAR - COURSE.along(true_place(robot)) < 0.4, "the truth is elsewhere"
-    assert walk_down(robot, COURSE, SPEED)
+    assert walk_down(robot, COURSE, -SPEED)
     before = COURSE.along(np.array((-0.1, 0.0, 0.0)))
     assert 0.0 <= before - COURSE.along(place(robot)) <= 1.1 * 0.2 * SPEED
 

@@ -18,9 +18,11 @@ def test_heights_are_over_the_ramp(degrees):
         x, z, angle = ramp.at(place)
         over = np.array([x - 0.5 * np.sin(angle), 0.3, z + 0.5 * np.cos(angle)])
         assert course.height(over) == pytest.approx(0.5, abs=1e-9), place
-    middle = ramp.at(course.approach + 0.5 * ramp.arc)
-    over = (middle.x - 0.5 * np.sin(middle.angle), 0.0, middle.z + 0.5 * np.cos(middle.angle))
-    assert course.height(np.array(over)) == pytest.approx(0.5, abs=1e-9)
+    in_foot, on_crest = course.approach + 0.5 * ramp.arc, ramp.slope_end + 0.5 * ramp.arc
+    for place in (in_foot, on_crest, ramp.slope_end + ramp.arc + 1.0):
+        x, z, angle = ramp.at(place)
+        over = np.array([x - 0.5 * np.sin(angle), 0.0, z + 0.5 * np.cos(angle)])
+        assert course.height(over) == pytest.approx(0.5, abs=1e-9), place
     x, z, _ = ramp.at(ramp.slope_start + 2.0)
     assert course.along(np.array([x, 0.0, z])) == pytest.approx(2.0)
     assert course.along(np.zeros(3)) < 0.0

@@ -15,7 +15,7 @@ import numpy as np
 from husky_bringup.system import ParameterValue
 from husky_control.parameters import table_of
 from husky_description.robot import load_robot
-from husky_experiments.climb_scripts import climb_onto, go, walk_down
+from husky_experiments.climb_scripts import climb_onto, go, turn_on_top, walk_down
 from husky_experiments.incline_course import climbing_settings, course_for
 from husky_experiments.metrics.cycle import energy_over
 from husky_experiments.metrics.propulsion import Span
@@ -199,7 +199,7 @@ def _trot(session: Session, speed: float, share: float = 0.0) -> Passage:
 
 # Climbing -------------------------------------------------------------------------------------
 def _climb(run: Run, slope: float) -> list[TravelCost]:
-    """Return the costs of a slope up, and backwards down; of standing there; of getting ready."""
+    """Return the costs of a slope up and, nose ahead, down; of standing there; of getting ready."""
     course = course_for(slope, _CLIMB_SPEED * (_SETTLING + _MEASURED), _FRICTION)
 
     def script(session: Session, _: str) -> list[Passage]:
@@ -208,21 +208,25 @@ def _climb(run: Run, slope: float) -> list[TravelCost]:
         ready_fans(session)
         session.set_mode("wair", reached="wair", within=1.0)
         passages = [Passage("to_climb", ONCE, (start, session.time))]
-        stands = climb_onto(session, course, _CLIMB_SPEED)
-        for speed in (_CLIMB_SPEED, 0.0, -_CLIMB_SPEED):
-            stands = stands and go(session, course, _SETTLING, speed)
+
+        def need(stands: bool) -> None:
+            if not stands:
+                raise SessionError(f"it does not stay upright on a slope of {slope:g} deg")
+
+        def measure(unit: str, speed: float, steepness: float) -> None:
+            need(go(session, course, _SETTLING, speed))
             start = session.time
-            stands = stands and go(session, course, _MEASURED, speed)
-            span = start, session.time
-            if speed == 0.0:
-                passages.append(Passage("climb", SECOND, span, slope_deg=slope))
-            elif speed > 0.0 or slope:
-                steepness = math.copysign(slope, speed)
-                passages.append(Passage("climb", METRE, span, abs(speed), steepness))
+            need(go(session, course, _MEASURED, speed))
+            passages.append(Passage("climb", unit, (start, session.time), speed, steepness))
+
+        need(climb_onto(session, course, _CLIMB_SPEED))
+        measure(METRE, _CLIMB_SPEED, slope)
+        measure(SECOND, 0.0, slope)
         if slope:
-            stands = stands and walk_down(session, course, _CLIMB_SPEED)
-        if not (stands and go(session, course, 2.0, 0.0)):
-            raise SessionError(f"it does not stay upright on a slope of {slope:g} deg")
+            need(turn_on_top(session, course, _CLIMB_SPEED))
+            measure(METRE, _CLIMB_SPEED, -slope)
+            need(walk_down(session, course, _CLIMB_SPEED))
+        need(go(session, course, 2.0, 0.0))
         start = session.time
         session.set_mode("stand", reached="stand", within=3.0, patience=2.0)
         passages.append(Passage("from_climb", ONCE, (start, session.time)))

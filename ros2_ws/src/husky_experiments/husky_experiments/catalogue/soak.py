@@ -253,7 +253,7 @@ class _Operator:
             climb_onto(session, _COURSE, _SPEED)
             and go(session, _COURSE, _UP, _SPEED)
             and go(session, _COURSE, _REST, 0.0)
-            and walk_down(session, _COURSE, _SPEED)
+            and walk_down(session, _COURSE, -_SPEED)
             and go(session, _COURSE, _REST, 0.0)
         )
         if stands:

@@ -165,7 +165,7 @@ def _lose(run: Run, session: Session, course: Course) -> None:
     fans = run.robot().rotor_names
     session.inject(graph.PLANT_INJECT_FAULT, f"{fans[run.options.seed % len(fans)]}_fan", "fail")
     stands = go(session, course, _STOPPING, run.options.speed)
-    run.metrics["walked_down"] = stands and walk_down(session, course, run.options.speed)
+    run.metrics["walked_down"] = stands and walk_down(session, course, -run.options.speed)
 
 
 def _come_back(run: Run, session: Session, course: Course, speed: float) -> bool:
@@ -173,7 +173,7 @@ def _come_back(run: Run, session: Session, course: Course, speed: float) -> bool
     if not go(session, course, _STOPPING, 0.0) or not go(session, course, _STANDING, 0.0):
         return False
     run.say("stood on the slope")
-    if not walk_down(session, course, speed):
+    if not walk_down(session, course, -speed):
         return False
     run.say("back on the flat")
     if not go(session, course, _STOPPING, 0.0):
