@@ -64,9 +64,7 @@ def get_ready(session: Session, *, fans: bool = True) -> None:
     session.set_mode("wair", reached="wair", within=1.0)
 
 
-def go(
-    session: Session, course: Course, duration: float, speed: float, turn: float = 0.0
-) -> bool:
+def go(session: Session, course: Course, duration: float, speed: float, turn: float = 0.0) -> bool:
     """Walk at a speed [m/s] and a yaw rate [rad/s] for a while [s]; return whether the robot is on
     its legs still.
     """
