@@ -71,7 +71,7 @@ class FlightBench(NodeBench):
 
 
 class RunningFlightBench(FlightBench):
-    """The same at up to 500 Hz, by itself, few samples ahead of the answers.
+    """The same by itself, at about real time, few samples ahead of the answers.
 
     A flight controller that stands still for long would otherwise lose samples in its queue, and
     find that its sensors are lost.

@@ -43,10 +43,9 @@ def bench(arguments: list[str]) -> dict[str, Any]:
         marks.append(time.process_time())
         graph = RouteGraph(grid, abilities, costs)
         marks.append(time.process_time())
-        goal = PlanePose(world.goal.x, world.goal.y, world.goal.yaw)
         try:
-            route = find_route(graph, PlanePose(0.0, 0.0, 0.0), goal)
-            modes = route.modes
+            start, goal = PlanePose(0.0, 0.0, 0.0), PlanePose(*world.goal)
+            modes = find_route(graph, start, goal).modes
         except RouteError:
             modes = ()
         marks.append(time.process_time())

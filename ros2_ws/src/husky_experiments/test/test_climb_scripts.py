@@ -6,7 +6,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from husky_experiments.climb_scripts import climb_onto, has_fallen, place, true_place, walk_down
+from husky_experiments.climb_scripts import (
+    climb_onto,
+    has_fallen,
+    place,
+    true_place,
+    turn_on_top,
+    walk_down,
+)
 from husky_experiments.incline_course import CLEAR, Course
 from husky_experiments.session import SessionError
 from husky_sim.ramp import Ramp
@@ -20,17 +27,18 @@ class DriftingRobot:
     """Stands where it is led to; its estimate counts a tenth too much."""
 
     def __init__(self) -> None:
-        self.time = self.velocity = self.way = 0.0
+        self.time = self.velocity = self.way = self.yaw = self.yaw_rate = 0.0
         self.truth = SimpleNamespace(pose=SimpleNamespace(pose=SimpleNamespace()))
         self.state = SimpleNamespace(mode="wair")
         self.advance(0.0)
 
     def set_velocity(self, vx: float, vy: float = 0.0, yaw_rate: float = 0.0) -> None:
-        self.velocity = vx
+        self.velocity, self.yaw_rate = vx, yaw_rate
 
     def advance(self, duration: float) -> None:
         self.time += duration
-        self.way += self.velocity * duration
+        self.yaw += self.yaw_rate * duration
+        self.way += self.velocity * math.cos(self.yaw) * duration
         self.state.position = self._on_course(1.1 * self.way)
         x, y, z = self._on_course(self.way)
         self.truth.pose.pose.position = SimpleNamespace(x=x, y=y, z=z)
@@ -51,6 +59,20 @@ def test_the_estimate_leads_up_and_down():
     assert walk_down(robot, COURSE, -SPEED)
     before = COURSE.along(np.array((-0.1, 0.0, 0.0)))
     assert 0.0 <= before - COURSE.along(place(robot)) <= 1.1 * 0.2 * SPEED
+
+
+def test_it_turns_on_the_top_and_comes_down_nose_ahead():
+    robot = DriftingRobot()
+    assert climb_onto(robot, COURSE, SPEED)
+    highest = []
+    advance = robot.advance
+    robot.advance = lambda duration: (advance(duration), highest.append(place(robot)[2]))
+    assert turn_on_top(robot, COURSE, SPEED)
+    assert max(highest) == pytest.approx(COURSE.crest_middle[2] + COURSE.blend + 0.5)
+    assert robot.yaw == pytest.approx(math.pi, abs=0.05)
+    assert 0.0 <= COURSE.length - CLEAR - COURSE.along(place(robot)) <= 1.1 * 0.2 * SPEED
+    assert walk_down(robot, COURSE, SPEED)
+    assert place(robot)[0] < 0.0
 
 
 def test_the_truth_tells_a_fall():

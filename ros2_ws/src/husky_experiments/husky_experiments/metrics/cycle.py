@@ -77,8 +77,7 @@ def power_of(fans: Fans) -> tuple[Array, Array]:
 def energy_over(recording: Recording, start: float, end: float) -> float:
     """Return what the pack gave between two times [s] at its terminals [J]."""
     fans = recording.fans.between(start, end)
-    whole, _ = power_of(fans)
-    return float(trapezoid(whole, fans.time))
+    return float(trapezoid(power_of(fans)[0], fans.time))
 
 
 def energy_of(recording: Recording, robot: Robot, leg: Leg) -> Energy:
@@ -86,8 +85,7 @@ def energy_of(recording: Recording, robot: Robot, leg: Leg) -> Energy:
     if math.isnan(leg.duration):
         return Energy(math.nan, math.nan, math.nan, math.nan)
     fans = recording.fans.between(leg.start, leg.end)
-    whole = energy_over(recording, leg.start, leg.end)
-    rotors = float(trapezoid(power_of(fans)[1], fans.time))
+    whole, rotors = (float(trapezoid(power, fans.time)) for power in power_of(fans))
     standby = robot.battery.idle_power * leg.duration
     return Energy(whole, rotors, standby, whole - rotors - standby)
 

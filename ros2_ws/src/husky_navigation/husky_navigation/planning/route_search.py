@@ -236,10 +236,9 @@ class RouteGraph:
         for before, node in pairwise(nodes):
             edge = self._cheapest(before, node)
             time, energy = float(self._edges.time[edge]), float(self._edges.energy[edge])
-            lane, downwards = divmod(int(self._edges.lane[edge]), 2)
-            walks = self._edges.lane[edge] == _NO_LANE
-            taken = None if walks else lane
-            yield Step(self._cell(node), taken, bool(downwards) and not walks, time, energy)
+            lane = int(self._edges.lane[edge])
+            taken, downwards = (None, False) if lane == _NO_LANE else (lane // 2, lane % 2 == 1)
+            yield Step(self._cell(node), taken, downwards, time, energy)
 
     def _cell(self, node: int) -> tuple[int, int]:
         """Return the cell [i, j] of a node."""
