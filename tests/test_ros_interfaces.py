@@ -15,6 +15,12 @@ JAZZY = {
     "tf2_msgs/msg/TF2Error": "db2485e7d6a0ec75bf087e058ee45df682acc3a621ca7780503d10aac141809a",
     "tf2_msgs/srv/FrameGraph": "0d1fbc6222c018ba5f33822904a2fdd4063705289956d3fdde07cd8c50fe8067",
     "tf2_msgs/action/LookupTransform": "0b8adf6bc0b5958879e3265b41a457e03558fe523890a81252c70eba97a82c5d",  # noqa: E501
+    "nav2_msgs/msg/MissedWaypoint": "cc79d1e3a1b86cd6a80788b16c844c396932462560936293011f062c21b82ed1",  # noqa: E501
+    "nav2_msgs/action/ComputePathToPose": "b11d50c914791956069419b8f4ad441e3c66fcfbd9461f8e87110b77dc6febe9",  # noqa: E501
+    "nav2_msgs/action/FollowPath": "9d95513552fb578cfb933d7e0160273911269cbdf4b348f1acb87d8a903b13cf",  # noqa: E501
+    "nav2_msgs/action/FollowWaypoints": "09e36a19e0374ab692e78b877e3345daa223ca4186b8af90f77939b78c6e6d7b",  # noqa: E501
+    "nav2_msgs/action/NavigateThroughPoses": "4e680a34fd27772095da6ffdb32ae348adbc3d948248d38cf8d5ca3fc7a3a6c4",  # noqa: E501
+    "nav2_msgs/action/NavigateToPose": "a56dba8a3234a1215e610180dc703ae25bbf406dded8b54887891c9732857eab",  # noqa: E501
 }
 """Hashes of the genuine types as told on the network (RIHS01), so that any client fits."""
 UNDERLAY = ROOT / "ros2_ws/underlay"
