@@ -36,6 +36,7 @@ class ClimbAbility:
         least_radius: of the ground where it bends [m]; less than of a slope that it can climb, for
             behind a crest unseen ground is taken for level.
         least_slope_deg: of the steepest part of a slope; gentler ground is no slope [deg].
+        seen_first: of a slope, before it is begun; more is seen on the way [m].
         half_width: of the lane that has to be even [m].
         most_skew: angle between the lane and the fall line [rad].
     """
@@ -44,6 +45,7 @@ class ClimbAbility:
     most_slope_deg: Annotated[float, number(5.0, 90.0)] = 47.0
     least_radius: Annotated[float, number(0.1, 10.0)] = 0.8
     least_slope_deg: Annotated[float, number(1.0, 45.0)] = 6.0
+    seen_first: Annotated[float, number(0.1, 5.0)] = 1.2
     half_width: Annotated[float, number(0.1, 1.0)] = 0.3
     most_skew: Annotated[float, number(0.01, 0.5)] = 0.2
 

@@ -21,8 +21,16 @@ from husky_navigation.planning.route_search import (
     RouteGraph,
     Step,
 )
-from husky_navigation.planning.travel_costs import RADIAN
+from husky_navigation.planning.travel_costs import RADIAN, TravelCosts
 
+_SLOPE = 0.15
+"""Rise over way of ground from which on a robot climbs when its route begins, even if it can walk
+off it [-].
+"""
+_OFF_LANE, _SKEW = 0.4, 0.35
+"""Distance from a lane [m] plus angle to it [rad] at which a robot still stands on it, and most of
+that angle.
+"""
 _BESIDE = 4
 """Cells to each side among which one is looked for that is free, of a robot near an obstacle."""
 
@@ -43,6 +51,9 @@ class Refusal(enum.Enum):
     START_OCCUPIED = "the robot stands where it cannot walk"
     GOAL_OCCUPIED = "the goal is on or too near an obstacle, or on a slope"
     NO_WAY = "no way leads to the goal on ground that the robot can take"
+    BATTERY = "the battery does not last for the way to the goal"
+    OFF_PATH = "the robot is more than 0.5 m from the path"
+    PATH_BLOCKED = "the path leads over ground that the robot cannot take"
 
 
 class RouteError(Exception):
@@ -50,12 +61,14 @@ class RouteError(Exception):
 
     Attributes:
         refusal: why.
+        off_slope: the way to level ground of a robot that stands on a slope, from where it may see
+            more; None for one that does not.
     """
 
-    def __init__(self, refusal: Refusal) -> None:
+    def __init__(self, refusal: Refusal, off_slope: Route | None = None) -> None:
         """Say why."""
         super().__init__(refusal.value)
-        self.refusal = refusal
+        self.refusal, self.off_slope = refusal, off_slope
 
 
 @dataclass(frozen=True)
@@ -65,9 +78,11 @@ class Leg:
     Attributes:
         mode: `walk` or `climb`.
         points: of the base in `map`, from where the leg begins to where it ends [m] (n, 2).
-        yaw: heading at its end [rad]; on a climb all along.
+        yaw: heading at its end [rad]; on a climb all along, also backwards.
         time: that it is to take [s].
         energy: that it is to cost [J].
+        is_seen: so much of a climb that it may begin; else the robot has to look at it before.
+        downwards: on a climb.
     """
 
     mode: str
@@ -75,11 +90,13 @@ class Leg:
     yaw: float
     time: float
     energy: float
+    is_seen: bool = True
+    downwards: bool = False
 
     @property
     def length(self) -> float:
         """Horizontal way [m]."""
-        return float(np.linalg.norm(np.diff(self.points, axis=0), axis=1).sum())
+        return _way(self.points)
 
 
 @dataclass(frozen=True)
@@ -127,15 +144,82 @@ def find_route(graph: RouteGraph, start: PlanePose, goal: PlanePose) -> Route:
     if last is None:
         raise RouteError(Refusal.GOAL_OUTSIDE)
     begin, end = _free_beside(grid, start, first), (int(heading_of(goal.yaw)), *last)
-    if begin is None:
+    is_climbing = begin is None or grid.slope[first] > _SLOPE
+    off = _off_slope(graph, start) if is_climbing else None
+    if off is None and begin is None:
         raise RouteError(Refusal.START_OCCUPIED)
     if not grid.free[end]:
         raise RouteError(Refusal.GOAL_OCCUPIED)
+    if off is not None:
+        x, y = off.points[-1]
+        try:
+            after = find_route(graph, PlanePose(float(x), float(y), off.yaw), goal)
+        except RouteError as error:
+            raise RouteError(error.refusal, Route((off,))) from error
+        return Route((off, *after.legs))
+    assert begin is not None
     try:
         steps = graph.search(begin, end)
     except NoRouteError as error:
         raise RouteError(Refusal.NO_WAY) from error
     return _Builder(graph, start, goal).route(steps)
+
+
+def _off_slope(graph: RouteGraph, start: PlanePose) -> Leg | None:
+    """Return the way along a lane, nose ahead, of a robot that stands on it; None for no lane."""
+    lanes = graph.lanes
+    if lanes is None:
+        return None
+    x, y = graph.grid.lattice.cell_centers()
+    ends = [np.stack((x[each[:, 0]], y[each[:, 1]]), axis=1) for each in (lanes.foot, lanes.top)]
+    cosine, sine = np.cos(lanes.direction), np.sin(lanes.direction)
+    dx, dy = (np.array(start[:2]) - ends[0]).T
+    along, across = cosine * dx + sine * dy, cosine * dy - sine * dx
+    turned = np.abs((start.yaw - lanes.direction + math.pi) % (2.0 * math.pi) - math.pi)
+    downwards = turned > 0.5 * math.pi
+    skew = np.minimum(turned, math.pi - turned)
+    on_lane = (along > 0.0) & (along < lanes.length)
+    score = np.where(on_lane & (skew < _SKEW), np.abs(across) + skew, np.inf)
+    if score.size == 0 or score.min() > _OFF_LANE:
+        return None
+    k = int(np.argmin(score))
+    down = bool(downwards[k])
+    yaw = math.remainder(float(lanes.direction[k]) + math.pi * down, 2.0 * math.pi)
+    left = float(along[k] if down else lanes.length[k] - along[k])
+    slope = lanes.slope[k][lanes.slope[k] > 0.0].mean()
+    speed = graph.abilities.climb.speed if graph.abilities.climb else 0.0
+    time, energy = (
+        left / math.cos(slope) * float(each[0])
+        for each in graph.costs.per_metre(CLIMB, speed, np.degrees([-slope if down else slope]))
+    )
+    points = np.array((start[:2], ends[0 if down else 1][k]))
+    return Leg(CLIMB, points, yaw, time, energy, downwards=down)
+
+
+def walk_leg(
+    points: Array, yaw: float, yaw_at_end: float, costs: TravelCosts, speed: float
+) -> Leg:
+    """Return a leg of a walk, with the cost of its way and of its turns.
+
+    Args:
+        points: of the base in `map` [m] (n, 2).
+        yaw: heading before it [rad].
+        yaw_at_end: heading at its end [rad].
+        costs: of the robot.
+        speed: at which it walks [m/s].
+    """
+    steps = np.diff(points, axis=0)
+    ways = np.linalg.norm(steps, axis=1)
+    ahead = np.arctan2(steps[:, 1], steps[:, 0])[ways > 0.0]
+    turns = np.diff(np.concatenate(([yaw], ahead, [yaw_at_end])))
+    turned = float(np.abs((turns + math.pi) % (2.0 * math.pi) - math.pi).sum())
+    per_metre = (float(each[0]) for each in costs.per_metre(WALK, speed, np.zeros(1)))
+    turn, way = costs.of(WALK, RADIAN), float(ways.sum())
+    time, energy = (
+        way * metre + turned * radian
+        for metre, radian in zip(per_metre, (turn.time, turn.energy), strict=True)
+    )
+    return Leg(WALK, points, yaw_at_end, time, energy)
 
 
 def _free_beside(grid: PlanningGrid, pose: PlanePose, cell: tuple[int, int]) -> Node | None:
@@ -185,7 +269,10 @@ class _Builder:
         points = np.array([self._graph.grid.centre(each.cell) for each in (start, end)])
         uphill = float(self._graph.lanes.direction[lane])
         yaw = math.remainder(uphill + math.pi * end.downwards, 2.0 * math.pi)
-        return Leg(CLIMB, points, yaw, end.time, end.energy)
+        lanes, climb = self._graph.lanes, self._graph.abilities.climb
+        assert climb is not None
+        is_seen = bool(lanes.seen[lane, int(end.downwards)] >= lanes.least_seen(climb)[lane])
+        return Leg(CLIMB, points, yaw, end.time, end.energy, is_seen, end.downwards)
 
     def _walk(
         self,
@@ -216,23 +303,8 @@ class _Builder:
             points.append(self._goal[:2])
         if len(points) == 1:
             return []
-        return [self._leg(np.array(points), yaw, yaw_at_end)]
-
-    def _leg(self, points: Array, yaw: float, yaw_at_end: float) -> Leg:
-        """Return a leg of a walk over points, with the cost of its way and of its turns."""
         costs, speed = self._graph.costs, self._graph.abilities.walk.speed
-        steps = np.diff(points, axis=0)
-        ways = np.linalg.norm(steps, axis=1)
-        ahead = np.arctan2(steps[:, 1], steps[:, 0])[ways > 0.0]
-        turns = np.diff(np.concatenate(([yaw], ahead, [yaw_at_end])))
-        turned = float(np.abs((turns + math.pi) % (2.0 * math.pi) - math.pi).sum())
-        per_metre = (float(each[0]) for each in costs.per_metre(WALK, speed, np.zeros(1)))
-        turn, way = costs.of(WALK, RADIAN), float(ways.sum())
-        time, energy = (
-            way * metre + turned * radian
-            for metre, radian in zip(per_metre, (turn.time, turn.energy), strict=True)
-        )
-        return Leg(WALK, points, yaw_at_end, time, energy)
+        return [walk_leg(np.array(points), yaw, yaw_at_end, costs, speed)]
 
     def _corners(self, cells: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
         """Return the cells between which the robot walks straight.
@@ -259,6 +331,11 @@ class _Builder:
         known = self._graph.grid.known[line]
         alike = known.all() or not known.any()
         return bool(alike and self._all_ways[line].all())
+
+
+def _way(points: Array) -> float:
+    """Return the way over points [m]."""
+    return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
 
 
 def _line(start: tuple[int, int], end: tuple[int, int]) -> tuple[Indices, Indices]:

@@ -29,6 +29,8 @@ MODES = (WALK, CLIMB)
 _STEPS = ((1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1))
 """Cells ahead of each heading."""
 _NO_LANE = -1
+_CLOSED_WITHIN = 1.0
+"""Distance from a closed place within which it closes ground and slopes [m]."""
 
 Node = tuple[int, int, int]
 """Heading and cell [i, j]."""
@@ -125,6 +127,7 @@ class RouteGraph:
         costs: TravelCosts,
         prices: Prices = PRICES,
         modes: Sequence[str] = MODES,
+        closed: Sequence[tuple[float, float]] = (),
     ) -> None:
         """Price every edge.
 
@@ -134,6 +137,8 @@ class RouteGraph:
             costs: that were measured of it.
             prices: of what counts beside energy.
             modes: of `MODES`, those that may be used; walking always may.
+            closed: places that were looked at, and not seen: ground around them that was not seen,
+                and slopes that begin there and were not seen whole, are not gone on [m].
 
         Raises:
             ValueError: no such mode.
@@ -145,11 +150,11 @@ class RouteGraph:
         self.grid, self.abilities, self.costs, self._prices = grid, abilities, costs, prices
         n = grid.lattice.cells
         self._number = np.arange(HEADINGS * n * n).reshape(HEADINGS, n, n)
-        parts = [*self._walks(abilities), *self._turns()]
+        parts = [*self._walks(abilities, closed), *self._turns()]
         self.lanes: Lanes | None = None
         if abilities.climb is not None and CLIMB in modes:
             self.lanes = lanes_of(grid, abilities.climb)
-            parts += self._climbs(self.lanes, abilities.climb)
+            parts += self._climbs(self.lanes, abilities.climb, closed)
         edges = _Edges._make(np.concatenate(part) for part in zip(*parts, strict=True))
         order = np.argsort(edges.start, kind="stable")
         self._edges = _Edges._make(each[order] for each in edges)
@@ -159,16 +164,21 @@ class RouteGraph:
         self._graph = csr_matrix(matrix, (size, size))
 
     # Edges ----------------------------------------------------------------------------------------
-    def _walks(self, abilities: Abilities) -> Iterator[_Edges]:
+    def _walks(
+        self, abilities: Abilities, closed: Sequence[tuple[float, float]]
+    ) -> Iterator[_Edges]:
         """Yield the edges from each cell to the one ahead, for each heading."""
         grid, prices, speed = self.grid, self._prices, abilities.walk.speed
         time, energy = (float(v[0]) for v in self.costs.per_metre(WALK, speed, np.zeros(1)))
         near = np.clip(1.0 - grid.distance / prices.near_within, 0.0, 1.0)
         factor = (1.0 + prices.near * near) * np.where(grid.known, 1.0, prices.unseen)
         n, resolution = grid.lattice.cells, grid.lattice.resolution
+        unseen = np.argwhere(~grid.known)
+        may = np.ones((n, n), np.bool_)
+        may[tuple(unseen[self._are_near(unseen, closed)].T)] = False
         for heading, (di, dj) in enumerate(_STEPS):
             here, there = (_shifted(n, -di), _shifted(n, -dj)), (_shifted(n, di), _shifted(n, dj))
-            ok = grid.free[heading][here] & grid.free[heading][there]
+            ok = grid.free[heading][here] & grid.free[heading][there] & may[here] & may[there]
             way = resolution * math.hypot(di, dj)
             mean = 0.5 * (factor[here] + factor[there])[ok]
             price = way * (energy + prices.time * time) * mean
@@ -187,8 +197,10 @@ class RouteGraph:
                 cost = Cost(time * each, energy * each, (energy + self._prices.time * time) * each)
                 yield _edges(self._number[heading][ok], self._number[other][ok], cost)
 
-    def _climbs(self, lanes: Lanes, climb: ClimbAbility) -> Iterator[_Edges]:
-        """Yield all lanes upwards, then downwards."""
+    def _climbs(
+        self, lanes: Lanes, climb: ClimbAbility, closed: Sequence[tuple[float, float]]
+    ) -> Iterator[_Edges]:
+        """Yield all lanes upwards, then downwards, but for closed ones."""
         speed, steepest = climb.speed, np.array((-1.0, 1.0)) * climb.most_slope_deg
         if not np.isfinite(self.costs.per_metre(CLIMB, speed, steepest)).all():
             raise LookupError(f"no costs of a climb up to {climb.most_slope_deg:g} deg")
@@ -212,7 +224,18 @@ class RouteGraph:
             feet, tops = (self._number[heading, *cells.T] for cells in (lanes.foot, lanes.top))
             ends = (tops, feet) if downwards else (feet, tops)
             lane = 2 * np.arange(len(level)) + downwards
-            yield _Edges(*ends, *cost, lane)
+            is_open = lanes.seen[:, int(downwards)] >= lanes.length
+            is_open |= ~self._are_near(lanes.top if downwards else lanes.foot, closed)
+            yield _Edges._make(each[is_open] for each in (*ends, *cost, lane))
+
+    def _are_near(self, cells: NDArray[np.int64], places: Sequence[tuple[float, float]]) -> Mask:
+        """Return which cells (n, 2) are near one of some places [m]."""
+        x, y = self.grid.lattice.cell_centers()
+        near = np.zeros(len(cells), np.bool_)
+        for place_x, place_y in places:
+            away = np.hypot(x[cells[:, 0]] - place_x, y[cells[:, 1]] - place_y)
+            near |= away < _CLOSED_WITHIN
+        return near
 
     # Search ---------------------------------------------------------------------------------------
     def search(self, start: Node, goal: Node) -> list[Step]:

@@ -104,7 +104,7 @@ class WorldMap:
 
         Between two parts that were seen they lead from one to the other, as a stretched skin does:
         an edge behind which something lower was seen is steep, not level. Where nothing was seen
-        behind, they go on level.
+        behind, the nearest height goes on level.
         """
         seen = ~np.isnan(self.elevation)
         if not seen.any():
@@ -113,7 +113,8 @@ class WorldMap:
         near = away * self.lattice.resolution <= _FILLED
         heights: Array = np.where(near, self.elevation[tuple(nearest)], np.nan)
         rows, columns = np.nonzero(near & ~seen)
-        _relax(heights, rows, columns)
+        within = _between(seen, rows, columns, round(2.0 * _FILLED / self.lattice.resolution))
+        _relax(heights, rows[within], columns[within])
         return heights
 
 
@@ -122,6 +123,27 @@ def shape_of(elevation: Array, resolution: float) -> Shape:
     shape = Shape(*(np.full(elevation.shape, np.nan) for _ in range(3)))
     _measure(elevation, resolution, shape)
     return shape
+
+
+@njit(cache=True)
+def _between(
+    seen: NDArray[np.bool_], rows: NDArray[np.int64], columns: NDArray[np.int64], gap: int
+) -> NDArray[np.bool_]:
+    """Return which cells are in a gap between seen ones, so many cells wide at most."""
+    between = np.zeros(len(rows), np.bool_)
+    for k in range(len(rows)):
+        for di, dj in ((1, 0), (0, 1), (1, 1), (1, -1)):
+            left = gap if di * dj == 0 else round(gap / math.sqrt(2.0))
+            for sign in (-1, 1):
+                i, j = rows[k], columns[k]
+                while left >= 0:
+                    i, j, left = i + sign * di, j + sign * dj, left - 1
+                    if not (0 <= i < seen.shape[0] and 0 <= j < seen.shape[1]):
+                        left = -1
+                    elif seen[i, j]:
+                        break
+            between[k] |= left >= 0
+    return between
 
 
 @njit(cache=True)
