@@ -18,6 +18,7 @@ setup(
         "console_scripts": [
             "elevation_mapper = husky_navigation.nodes.elevation_mapper:main",
             "localizer = husky_navigation.nodes.localizer:main",
+            "navigator = husky_navigation.nodes.navigator:main",
         ],
     },
 )

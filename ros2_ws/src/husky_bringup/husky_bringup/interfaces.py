@@ -26,8 +26,8 @@ from husky_runtime import graph
 
 _EVERY_NODE = ("rcl_interfaces", "type_description_interfaces")
 """Packages of the topics and services that every node of rclpy has."""
-_LIFECYCLE = "lifecycle_msgs"
-"""Package of those that every lifecycle node has."""
+_LIFECYCLE = "lifecycle_msgs/"
+"""Begins the types of those that every lifecycle node has."""
 _ACTION = "/_action/"
 """In the names of the topics and services that an action consists of."""
 _SEND_GOAL = f"{_ACTION}send_goal"
@@ -210,13 +210,16 @@ class Reader:
                 sorted(
                     (name.removesuffix(_SEND_GOAL), types[0].removesuffix("_SendGoal"))
                     for name, types in found
-                    if types[0].split("/")[0] not in (*_EVERY_NODE, _LIFECYCLE)
+                    if types[0].split("/")[0] not in _EVERY_NODE
+                    and (not types[0].startswith(_LIFECYCLE) or name in in_the_name_of_others)
                     and (_ACTION not in name or name.endswith(_SEND_GOAL))
                 )
             )
 
         node, where = self.node, (spec.name, "/")
         services = node.get_service_names_and_types_by_node(*where)
+        states = {name for name, types in services if types[0].startswith(_LIFECYCLE)}
+        in_the_name_of_others = {n for n in states if not n.startswith(f"/{spec.name}/")}
         heard = node.get_subscriber_names_and_types_by_node(*where)
         clock = graph.absolute(graph.CLOCK)
         clocks = [info.node_name for info in node.get_subscriptions_info_by_topic(clock)]
@@ -225,7 +228,7 @@ class Reader:
         return Interface(
             name=spec.name,
             package=spec.package,
-            lifecycle=any(types[0].startswith(_LIFECYCLE) for _, types in services),
+            lifecycle=bool(states - in_the_name_of_others),
             publishes=own(node.get_publisher_names_and_types_by_node(*where)),
             subscribes=own(heard),
             offers=own(services),

@@ -96,8 +96,9 @@ def simulated_robot(
 
     The plant's parameter `robot` selects the robot, one of `ROBOTS` or the path of a file; `body`
     what of it stands there, `bus` the bus of its drives, `mounting` how its fans are mounted,
-    `camera` whether its depth camera is on: then the ground is mapped and the robot localised. The
-    planner takes part when the controller's parameter `planner` says so.
+    `camera` whether its depth camera is on: then the ground is mapped, the robot is localised, and
+    the navigator takes goals. The planner takes part when the controller's parameter `planner` says
+    so.
 
     Args:
         time: one of `TIMES`.
@@ -265,13 +266,18 @@ def _legs(choice: _Choice, bridge: NodeSpec) -> list[NodeSpec]:
 
 
 def _navigation(choice: _Choice) -> list[NodeSpec]:
-    """Return depth camera, mapper and localizer; raises ValueError for a body without a camera."""
+    """Return depth camera, mapper, localizer and navigator.
+
+    Raises:
+        ValueError: the body has no camera.
+    """
     if choice.body == "unit":
         raise ValueError("camera is true, but body is 'unit': the robot carries the depth camera")
     return [
         NodeSpec("husky_drivers", graph.D435_DRIVER, {"clock": "device", **choice.told}),
         NodeSpec("husky_navigation", graph.ELEVATION_MAPPER, dict(choice.told)),
         NodeSpec("husky_navigation", graph.LOCALIZER, dict(choice.told)),
+        NodeSpec("husky_navigation", graph.NAVIGATOR, dict(choice.told)),
     ]
 
 

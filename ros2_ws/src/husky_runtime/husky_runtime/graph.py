@@ -50,6 +50,13 @@ OCCUPANCY = "elevation_map/occupancy"
 MAP_POSE = "map_pose"
 """Pose of the base in the frame `map`."""
 INCLINE_PLAN = "planner/plan"
+NAVIGATOR_STATE = "navigator/state"
+PLAN = "plan"
+ROUTE = "navigator/route"
+COST_MAP = "global_costmap/costmap"
+GOAL_POSE = "goal_pose"
+SIMPLE_GOAL = "move_base_simple/goal"
+"""Goals of RViz's "2D Goal Pose" and of Foxglove; the names of plan and cost map are Nav2's."""
 ROBOT_DESCRIPTION = "robot_description"
 TF = "tf"
 TF_STATIC = "tf_static"
@@ -77,9 +84,19 @@ PLANT_STEP = "plant/step"
 PLANT_APPLY_WRENCH = "plant/apply_wrench"
 PLANT_HOLD = "plant/hold"
 PLANT_INJECT_FAULT = "plant/inject_fault"
+NAVIGATION_ACTIVE = "lifecycle_manager_navigation/is_active"
+LOCALIZATION_ACTIVE = "lifecycle_manager_localization/is_active"
+BT_NAVIGATOR_STATE = "bt_navigator/get_state"
+"""Services by which Nav2's clients see that a goal may be sent."""
 
 # Actions
 PLAN_INCLINE = "planner/plan_incline"
+NAVIGATE_TO_POSE = "navigate_to_pose"
+NAVIGATE_THROUGH_POSES = "navigate_through_poses"
+COMPUTE_PATH = "compute_path_to_pose"
+FOLLOW_PATH = "follow_path"
+FOLLOW_WAYPOINTS = "follow_waypoints"
+"""Nav2's names."""
 
 # Nodes
 PLANT = "plant"
@@ -96,6 +113,7 @@ T265_DRIVER = "t265_driver"
 D435_DRIVER = "d435_driver"
 ELEVATION_MAPPER = "elevation_mapper"
 LOCALIZER = "localizer"
+NAVIGATOR = "navigator"
 RECORDER = "recorder"
 TELEOP = "teleop"
 FOXGLOVE_GATEWAY = "foxglove_gateway"
@@ -116,6 +134,7 @@ NODES = (
     D435_DRIVER,
     ELEVATION_MAPPER,
     LOCALIZER,
+    NAVIGATOR,
 )
 """Those that are the robot: one of each in a domain."""
 
@@ -177,7 +196,7 @@ TOPICS = (
     Topic(JOINT_COMMAND, "husky_msgs/msg/JointCommand", (LOW_LEVEL_CONTROLLER,), "CONTROL", 500.0),
     Topic(DRIVES_STATUS, "husky_msgs/msg/DriveStatusArray", JOINT_BRIDGES, "STATUS", 10.0),
     Topic(IMU, "sensor_msgs/msg/Imu", (VN200_DRIVER,), "CONTROL", 800.0),
-    Topic(CMD_VEL, "geometry_msgs/msg/Twist", (TELEOP, CONSOLE), "COMMAND", 0.0),
+    Topic(CMD_VEL, "geometry_msgs/msg/Twist", (TELEOP, CONSOLE, NAVIGATOR), "COMMAND", 0.0),
     Topic(JOY, "sensor_msgs/msg/Joy", (), "COMMAND", 0.0),
     Topic(
         CONTROLLER_STATE,
@@ -213,6 +232,12 @@ TOPICS = (
     Topic(OCCUPANCY, "nav_msgs/msg/OccupancyGrid", (ELEVATION_MAPPER,), "LATCHED", 0.0),
     Topic(MAP_POSE, "geometry_msgs/msg/PoseWithCovarianceStamped", (LOCALIZER,), "STATUS", 50.0),
     Topic(INCLINE_PLAN, "husky_msgs/msg/InclinePlan", (PLANNER,), "LATCHED", 0.0),
+    Topic(NAVIGATOR_STATE, "husky_msgs/msg/NavigatorState", (NAVIGATOR,), "STATUS", 10.0),
+    Topic(PLAN, "nav_msgs/msg/Path", (NAVIGATOR,), "LATCHED", 0.0),
+    Topic(ROUTE, "visualization_msgs/msg/MarkerArray", (NAVIGATOR,), "LATCHED", 0.0),
+    Topic(COST_MAP, "nav_msgs/msg/OccupancyGrid", (NAVIGATOR,), "LATCHED", 0.0),
+    Topic(GOAL_POSE, "geometry_msgs/msg/PoseStamped", (), "COMMAND", 0.0),
+    Topic(SIMPLE_GOAL, "geometry_msgs/msg/PoseStamped", (), "COMMAND", 0.0),
     Topic(ROBOT_DESCRIPTION, "std_msgs/msg/String", JOINT_BRIDGES, "LATCHED", 0.0),
     Topic(
         TF,

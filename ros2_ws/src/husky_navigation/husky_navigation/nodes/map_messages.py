@@ -4,13 +4,22 @@ from __future__ import annotations
 
 import array
 
+import numpy as np
 from grid_map_msgs.msg import GridMap
 from nav_msgs.msg import OccupancyGrid
 from std_msgs.msg import Float32MultiArray, MultiArrayDimension, MultiArrayLayout
 
 from husky_description.arrays import Array
+from husky_navigation.cells import Lattice
 from husky_navigation.elevation_map import ElevationMap
-from husky_navigation.grid_layout import Floats, to_grid_map, to_occupancy_grid
+from husky_navigation.grid_layout import (
+    Dimension,
+    Floats,
+    GridMapData,
+    from_grid_map,
+    to_grid_map,
+    to_occupancy_grid,
+)
 from husky_navigation.surface import Surface, occupancy_of
 from husky_runtime import graph
 from husky_runtime.nodes import stamps
@@ -44,6 +53,30 @@ def grid_map_message(ground: ElevationMap, surface: Surface, time_ns: int) -> Gr
     info.length_x = info.length_y = lattice.cells * lattice.resolution
     info.pose.position.x, info.pose.position.y = lattice.center
     return message
+
+
+def elevation_of(message: GridMap) -> tuple[Array, Lattice]:
+    """Return the heights of a map [m] (n, n), NaN where unseen, and the lattice of its cells.
+
+    Raises:
+        ValueError: the map is in another frame than `odom`, or has no such layer, or is not square.
+    """
+    frame = message.header.frame_id
+    if frame != graph.FRAME_ODOM:
+        raise ValueError(f"frame_id is {frame[:40]!r}, it must be {graph.FRAME_ODOM!r}")
+    if BASIC_LAYERS[0] not in message.layers or len(message.layers) != len(message.data):
+        raise ValueError(f"there is no layer {BASIC_LAYERS[0]!r}")
+    told = message.data[list(message.layers).index(BASIC_LAYERS[0])]
+    if len(told.layout.dim) != 2:
+        raise ValueError(f"the layer has {len(told.layout.dim)} dimensions, it must have 2")
+    column, row = (Dimension(each.label, each.size, each.stride) for each in told.layout.dim)
+    elevation = from_grid_map(GridMapData((column, row), np.array(told.data, np.float32)))
+    info, cells = message.info, elevation.shape[0]
+    if elevation.shape != (cells, cells) or info.resolution <= 0.0 or cells == 0:
+        raise ValueError(f"{elevation.shape} cells of {info.resolution} m are no square map")
+    at = info.pose.position
+    corner = (round(each / info.resolution) - cells // 2 for each in (at.x, at.y))
+    return elevation, Lattice(info.resolution, cells, *corner)
 
 
 def occupancy_message(ground: ElevationMap, surface: Surface, time_ns: int) -> OccupancyGrid:

@@ -86,6 +86,7 @@ RULES: Mapping[str, Mapping[str, Numbers]] = {
         "twist.twist.angular": Numbers(1e3),  # rad/s
     },
     "sensor_msgs/Image": {"data": Numbers(most=4_000_000)},
+    "grid_map_msgs/GridMap": {"data.data": Numbers(most=1_000_000, unknown=True)},  # m, rad
     "nav_msgs/OccupancyGrid": {"data": Numbers(most=2_000_000)},
     "sensor_msgs/BatteryState": dict.fromkeys(
         (
@@ -206,7 +207,8 @@ def _counts(slot: Any) -> bool:
 def _field_checks(slot: Any, path: str, rules: Mapping[str, Numbers]) -> list[Check]:
     rule = rules.get(path)
     if isinstance(slot, AbstractNestedType):
-        return [_list_check(slot, path, rule)]
+        inner = {"entry" + each[len(path) :]: rules[each] for each in rules if _is_in(each, path)}
+        return [_list_check(slot, path, rule, inner)]
     if isinstance(slot, AbstractString):
         return [_text_check(path, getattr(slot, "maximum_size", None) or _TEXT)]
     if isinstance(slot, BasicType):
@@ -219,6 +221,11 @@ def _field_checks(slot: Any, path: str, rules: Mapping[str, Numbers]) -> list[Ch
     if kind in ("geometry_msgs/Vector3", "geometry_msgs/Point"):
         return [_vector_check(path, rule or Numbers())]
     return _checks(_class_of(slot), path + ".", rules)
+
+
+def _is_in(path: str, field: str) -> bool:
+    """Return whether a path is that of a field, or of a part of it."""
+    return path == field or path.startswith(field + ".")
 
 
 def _class_of(slot: NamespacedType) -> Any:
@@ -287,13 +294,18 @@ def _text_check(path: str, bound: int) -> Check:
     return check
 
 
-def _list_check(slot: AbstractNestedType, path: str, rule: Numbers | None) -> Check:
-    """Return the check of an array or a sequence: its length, then what it holds."""
+def _list_check(
+    slot: AbstractNestedType, path: str, rule: Numbers | None, inner: Mapping[str, Numbers]
+) -> Check:
+    """Return the check of an array or a sequence: its length, then what it holds.
+
+    `inner` are the rules of its entries, whose paths begin with `entry`.
+    """
     get, element = attrgetter(path), slot.value_type
     numbers = rule or Numbers()
     fixed = slot.size if isinstance(slot, Array) else numbers.count
     most = getattr(slot, "maximum_size", None) or numbers.most
-    inside = _element_check(element, path, rule, numbers)
+    inside = _element_check(element, path, rule, numbers, inner)
 
     def check(message: Any) -> str:
         values = get(message)
@@ -308,7 +320,11 @@ def _list_check(slot: AbstractNestedType, path: str, rule: Numbers | None) -> Ch
 
 
 def _element_check(
-    element: Any, path: str, rule: Numbers | None, numbers: Numbers
+    element: Any,
+    path: str,
+    rule: Numbers | None,
+    numbers: Numbers,
+    inner: Mapping[str, Numbers],
 ) -> Callable[[Any], str] | None:
     """Return the check of what a list holds, given the list."""
     if isinstance(element, BasicType):
@@ -326,7 +342,7 @@ def _element_check(
         return texts
     # The checks of a field work on a message that has it; here the list's entry is the message.
     holder = _Entry()
-    checks = _field_checks(element, "entry", {"entry": rule} if rule is not None else {})
+    checks = _field_checks(element, "entry", inner)
 
     def entries(values: Sequence[Any]) -> str:
         for number, value in enumerate(values):

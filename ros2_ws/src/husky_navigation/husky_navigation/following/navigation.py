@@ -1,0 +1,549 @@
+"""One way to one or more goals: plan, change the mode for each leg, follow it, stop.
+
+Everything happens in steps, each with what the robot has told; nothing here waits.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from husky_navigation.following.leg_follower import (
+    PATH_STEP,
+    LegFollower,
+    Pace,
+    VelocityCommand,
+    follower_of,
+)
+from husky_navigation.planning.planning_grid import PlanningGrid, heading_of
+from husky_navigation.planning.route import Leg, PlanePose, Refusal, Route, RouteError
+from husky_navigation.planning.route_search import CLIMB, WALK
+
+STAND, TROT, WAIR = "stand", "walk", "wair"
+"""Modes of the controller."""
+MODE_OF = {WALK: TROT, CLIMB: WAIR}
+"""Mode of the controller in which a leg is gone."""
+PACES = {
+    WALK: Pace(forward=0.4, sideways=0.12, turn=0.5, place=0.06, heading=0.08),
+    CLIMB: Pace(forward=0.25, sideways=0.0, turn=0.2, place=0.0, heading=0.0),
+}
+_BEGINS_IN = ("stand_up", STAND, TROT, WAIR)
+"""Modes in which a robot can be sent somewhere."""
+_CHANGING = 12.0
+"""Longest time that a change of the mode takes, fans included [s]."""
+_STOPPING = 4.0
+"""Longest time until the robot stands; on a slope it stays in mode `wair` [s]."""
+_PROGRESS, _PATIENCE = 0.1, 8.0
+"""Way that the robot makes in a time, or it is stuck [m, s]."""
+_MOST_BEGUN = 15
+"""Plans and changes of the mode that it makes without that."""
+_TURNED = 0.2
+"""Turn that counts as progress too [rad]."""
+_SIGHT = 0.7, 1.0
+"""Ground ahead of the base that must have been seen, from and to [m]; nearer the camera of a robot
+that turns sees none.
+"""
+_CLIMB_SEEN, _CLIMB_EVEN = 0.4, 0.9
+"""Ground ahead of the base that must be seen, and not be rough, on a climb: a crest hides what is
+behind it [m].
+"""
+_OLD = 2.5
+"""Age from which on a map tells nothing of what stands ahead [s]; one comes each second."""
+_HESITATION = 0.5
+"""Time that it climbs on without seeing the ground ahead [s]."""
+_LOOKING = 4.0
+"""Time that it waits for ground to be seen [s]."""
+_AFTER = 0.3
+"""Time after the robot stands until a map counts as one that it sees from there [s]."""
+_SAME_PLACE = 1.0
+"""Distance between two places from which the same slope is seen [m]."""
+_OFTEN = 5.0
+"""Least time between two plans for want of energy [s]."""
+_MAY_CHANGE = (Refusal.NO_WAY, Refusal.START_OCCUPIED)
+"""Reasons for which there is no route that may be others when more is seen."""
+_RECOVERIES, _MOST_RECOVERIES = 3, 10
+"""Times that it recovers before it gives up, without a leg in between that was gone, and in all."""
+_BACK, _BACK_TIME = 0.15, 2.0
+"""Speed and time of a step back [m/s, s]."""
+_LOOK_RATE, _LOOK_TIME = 0.4, 3.0
+"""Yaw rate to each side [rad/s], and time to the left end; three times that in all [s]."""
+_LEAVING = 0.5
+"""Way within which a robot leaves an obstacle that it is too near to [m]."""
+_LONG = 1.0
+"""Length of a leg after which the way is planned anew, as more is seen by then [m]."""
+
+
+class RobotView(NamedTuple):
+    """What the robot tells.
+
+    Attributes:
+        time: simulated or wall time [s].
+        pose: of the base in `map`.
+        mode: of the controller.
+        fans_ready: armed, and they follow the controller.
+        map_age: time since the newest map of the ground [s].
+        speed: of the base [m/s].
+        can_climb: there are fans, and none is lost.
+        energy: that the battery has for the way [J].
+        waits: for an answer to something that it was asked for.
+    """
+
+    time: float
+    pose: PlanePose
+    mode: str
+    fans_ready: bool
+    map_age: float = 0.0
+    speed: float = 0.0
+    can_climb: bool = True
+    energy: float = math.inf
+    waits: bool = False
+
+
+class Wish(NamedTuple):
+    """What the robot is asked for.
+
+    Attributes:
+        mode: of the controller.
+        fans: to be armed and handed to the controller.
+        velocity: of the base.
+    """
+
+    mode: str
+    fans: bool = False
+    velocity: VelocityCommand = VelocityCommand()
+
+
+class Outcome(enum.Enum):
+    """Ends of a navigation."""
+
+    REACHED = "the goal is reached"
+    NO_ROUTE = "there is no route"
+    STUCK = "the robot makes no progress"
+    UNSEEN = "the ground ahead is not seen"
+    NOT_CHANGED = "the controller does not enter the mode"
+    NOT_READY = "the robot does not stand"
+    STOPPED = "the robot was stopped, or has fallen"
+    LOST = "the robot does not know where it is"
+    CANCELLED = "cancelled"
+    REPLACED = "another goal has come"
+
+
+class _Phase(enum.Enum):
+    PLAN = "planning"
+    LOOK = "looking ahead"
+    CHANGE = "changing the mode"
+    FOLLOW = "following"
+    RECOVER = "stepping back and looking around"
+    STOP = "stopping"
+    END = "ended"
+
+
+Place = tuple[float, float]
+"""In `map` [m]."""
+Planner = Callable[[PlanePose, PlanePose, tuple[Place, ...]], Route]
+"""Returns the route from a pose to a goal that keeps off places which cannot be seen; raises
+RouteError.
+"""
+
+
+class Navigation:
+    """Leads the robot to one goal after the other.
+
+    Attributes:
+        outcome: None as long as it goes on.
+        reason: of an outcome, for a person.
+        refusal: of a route, where `outcome` is NO_ROUTE.
+        route: to the goal that is next, None before the first.
+        recoveries: that were made.
+        reached: goals that were reached.
+    """
+
+    def __init__(self, goals: Sequence[PlanePose], plan: Planner) -> None:
+        """Begin.
+
+        Args:
+            goals: one or more, in order.
+            plan: makes the routes.
+        """
+        self._goals, self._plan = tuple(goals), plan
+        self.outcome: Outcome | None = None
+        self.reason = ""
+        self.refusal: Refusal | None = None
+        self.route: Route | None = None
+        self.recoveries = self.reached = self._tries = self._begun = 0
+        self._ending: Outcome | None = None
+        self._phase = _Phase.PLAN
+        self._index = 0
+        self._follower: LegFollower | None = None
+        self._began = self._turned_back = self._is_on_slope = False
+        self._since = 0.0
+        self._seen_at = self._moves_since = self._planned_at = 0.0
+        self._looked_from: Place | None = None
+        self._closed: tuple[Place, ...] = ()
+        self._mark = (0.0, PlanePose(0.0, 0.0, 0.0))
+
+    @property
+    def phase(self) -> str:
+        """What it does, for a person."""
+        return self._phase.value
+
+    @property
+    def leg(self) -> Leg | None:
+        """The leg that is gone or comes next."""
+        if self.route is None or self._index >= len(self.route.legs):
+            return None
+        return self.route.legs[self._index]
+
+    @property
+    def goals_left(self) -> int:
+        """Goals that were not reached yet."""
+        return len(self._goals) - self.reached
+
+    @property
+    def left(self) -> float:
+        """Way that is left to the next goal [m]."""
+        return self._left(lambda leg: leg.length)
+
+    @property
+    def time_left(self) -> float:
+        """Time that is planned for the way that is left [s]."""
+        return self._left(lambda leg: leg.time)
+
+    @property
+    def energy_left(self) -> float:
+        """Energy that is planned for the way that is left [J]."""
+        return self._left(lambda leg: leg.energy)
+
+    def _left(self, amount: Callable[[Leg], float]) -> float:
+        route, index, follower = self.route, self._index, self._follower  # another thread looks
+        if route is None or index >= len(route.legs):
+            return 0.0
+        leg = route.legs[index]
+        share = follower.left / leg.length if follower and leg.length > 0.0 else 1.0
+        return sum(amount(each) for each in route.legs[index + 1 :]) + max(0.0, share) * amount(leg)
+
+    def step(self, view: RobotView, grid: PlanningGrid) -> Wish | None:
+        """Return what the robot is asked for now, None: nothing, for it has ended."""
+        self._look_at_mode(view)
+        if self.outcome is not None:
+            return None
+        self._is_on_slope = view.mode == WAIR and not _is_level(grid, view.pose)
+        if self._phase is _Phase.PLAN:
+            self._make_route(view)
+        if self._phase is _Phase.LOOK:
+            return self._look(view)
+        if self._phase is _Phase.CHANGE:
+            return self._change(view, grid)
+        if self._phase is _Phase.FOLLOW:
+            return self._follow(view, grid)
+        if self._phase is _Phase.RECOVER:
+            return self._recover(view, grid)
+        stands = view.mode == STAND and not view.waits
+        if self._phase is _Phase.STOP and (stands or self._waits(view, _STOPPING)):
+            self.finish(self._ending or Outcome.STOPPED, self.reason)
+        return Wish(STAND)
+
+    def stop(self, view: RobotView, outcome: Outcome, reason: str = "") -> None:
+        """Stop the robot, then end."""
+        if self.outcome is None and self._phase is not _Phase.STOP:
+            self._ending, self.reason = outcome, reason or outcome.value
+            self._enter(_Phase.STOP, view)
+
+    def finish(self, outcome: Outcome, reason: str = "") -> None:
+        """End at once."""
+        if self.outcome is None:
+            self.outcome, self.reason = outcome, reason or outcome.value
+            self._phase = _Phase.END
+
+    # Phases ---------------------------------------------------------------------------------------
+    def _enter(self, phase: _Phase, view: RobotView) -> None:
+        self._phase = phase
+        self._since = self._seen_at = self._moves_since = view.time
+        self._mark = view.time, view.pose
+
+    def _waits(self, view: RobotView, most: float) -> bool:
+        """Return whether the phase has lasted longer than a time [s]."""
+        return view.time > self._since + most
+
+    def _look_at_mode(self, view: RobotView) -> None:
+        """End where the robot is in a mode in which it goes nowhere."""
+        if view.mode in _BEGINS_IN:
+            self._began = True
+        elif self._began:
+            self.finish(Outcome.STOPPED, f"{Outcome.STOPPED.value}: it is in mode {view.mode}")
+        else:
+            told = f"it is in mode {view.mode}, it must be in {STAND}, {TROT} or {WAIR}"
+            self.finish(Outcome.NOT_READY, f"{Outcome.NOT_READY.value}: {told}")
+
+    def _make_route(self, view: RobotView) -> None:
+        self._planned_at, self._turned_back = view.time, False
+        while True:
+            try:
+                goal = self._goals[self.reached]
+                self.route = self._plan(view.pose, goal, self._closed)
+            except RouteError as error:
+                if error.off_slope is None or not self._may_try_again():
+                    self.refusal = error.refusal
+                    self._give_up(view, Outcome.NO_ROUTE, str(error))
+                    return
+                self.route = error.off_slope
+            self._index = 0
+            place = self._looked_from
+            if place is None or not _needs_a_look(self.route, place):
+                break
+            if place in self._closed:
+                self._give_up(view, Outcome.UNSEEN)
+                return
+            self._closed = (*self._closed, place)
+        self._begin_leg(view)
+
+    def _begin_leg(self, view: RobotView) -> None:
+        leg = self.leg
+        if leg is None:
+            self.reached += 1
+            if self.reached == len(self._goals):
+                self.stop(view, Outcome.REACHED)
+            else:
+                self._enter(_Phase.PLAN, view)
+            return
+        self._follower = follower_of(leg, PACES[leg.mode])
+        self._enter(_Phase.CHANGE if leg.is_seen else _Phase.LOOK, view)
+
+    def _look(self, view: RobotView) -> Wish:
+        """Wait for a map of what is ahead, then plan again."""
+        if view.time - view.map_age > self._since + _AFTER:
+            self._looked_from = view.pose[:2]
+            self._enter(_Phase.PLAN, view)
+        elif self._waits(view, _LOOKING):
+            self._give_up(view, Outcome.UNSEEN)
+        return Wish(WAIR, fans=True) if view.mode == WAIR else Wish(TROT)
+
+    def _change(self, view: RobotView, grid: PlanningGrid) -> Wish:
+        """Wait for the mode of the leg."""
+        assert self.leg is not None
+        mode = MODE_OF[self.leg.mode]
+        wish = Wish(mode, mode == WAIR)
+        if view.mode == mode and (view.fans_ready or not wish.fans):
+            self._enter(_Phase.FOLLOW, view)
+            return self._follow(view, grid)
+        if self._waits(view, _CHANGING):
+            self._give_up(view, Outcome.NOT_CHANGED, f"{Outcome.NOT_CHANGED.value} {mode}")
+        return wish
+
+    def _follow(self, view: RobotView, grid: PlanningGrid) -> Wish:
+        leg, follower = self.leg, self._follower
+        assert leg is not None and follower is not None
+        mode = MODE_OF[leg.mode]
+        if view.mode != mode:  # a silent command let it stand
+            self._enter(_Phase.CHANGE, view)
+            self._begin_again(view)
+            return Wish(mode, mode == WAIR)
+        if leg.mode == CLIMB:
+            return self._climb(view, grid, leg, follower)
+        return self._walk(view, grid, leg, follower)
+
+    def _walk(self, view: RobotView, grid: PlanningGrid, leg: Leg, follower: LegFollower) -> Wish:
+        """Walk on, unless something stands on the way, or it is not seen."""
+        velocity = follower.command(view.pose)
+        if velocity is None:
+            self._end_leg(view, leg)
+            return Wish(TROT)
+        if _is_blocked(grid, follower) or self._needs_another(view):
+            self._enter(_Phase.PLAN, view)
+            self._begin_again(view)
+            if self._planned_at == view.time or self._phase is not _Phase.PLAN:
+                return Wish(TROT)
+            return self.step(view, grid) or Wish(STAND)
+        sees = view.map_age < _OLD and _is_seen(grid, view.pose, follower.left)
+        if velocity.forward > 0.0 and not sees:
+            if view.time > self._seen_at + _LOOKING:
+                if view.map_age < _OLD:
+                    self._closed = (*self._closed, _ahead(view.pose, _SIGHT[1]))
+                self._give_up(view, Outcome.UNSEEN)
+            return Wish(TROT)
+        self._seen_at = view.time
+        if self._is_stuck(view):
+            self._give_up(view, Outcome.STUCK)
+            return Wish(TROT)
+        return Wish(TROT, velocity=velocity)
+
+    def _climb(self, view: RobotView, grid: PlanningGrid, leg: Leg, follower: LegFollower) -> Wish:
+        """Climb on along a lane; back to where it began if a fan is lost, or nothing is seen."""
+        velocity = follower.command(view.pose)
+        if velocity is None:
+            self._end_leg(view, leg)
+            return Wish(WAIR, fans=True)
+        if self._turned_back:
+            if self._is_stuck(view):
+                self.stop(view, Outcome.STUCK)
+            return Wish(WAIR, True, velocity)
+        if view.map_age < _OLD and _can_go_on(grid, leg, view.pose):
+            self._seen_at = view.time
+        in_vain = view.time - self._seen_at
+        if in_vain > _LOOKING or not (view.can_climb or leg.downwards) or self._is_stuck(view):
+            self._turn_back(leg, view)
+            return Wish(WAIR, fans=True)
+        return Wish(WAIR, True, velocity if in_vain < _HESITATION else VelocityCommand())
+
+    def _turn_back(self, leg: Leg, view: RobotView) -> None:
+        """Lead the robot back to where a climb began, backwards."""
+        if not self._may_try_again():
+            self.stop(view, Outcome.STUCK)
+            return
+        x, y = leg.points[0]
+        back = replace(leg, points=np.array((view.pose[:2], (x, y))), downwards=not leg.downwards)
+        self.route, self._index, self._turned_back = Route((back,)), 0, True
+        self._closed = (*self._closed, (float(x), float(y)))
+        self._follower = follower_of(back, PACES[CLIMB])
+
+    def _end_leg(self, view: RobotView, leg: Leg) -> None:
+        """Go on with the next leg; after a long one, or a climb, more of the ground is known."""
+        self._index += 1
+        if leg.length > _LONG and not self._turned_back:
+            self._tries = 0
+        self._turned_back = False
+        if leg.mode == CLIMB or (self.leg is not None and leg.length > _LONG):
+            self._enter(_Phase.PLAN, view)
+        else:
+            self._begin_leg(view)
+
+    def _needs_another(self, view: RobotView) -> bool:
+        """Return whether the battery or a lost fan forbids the rest of the route."""
+        assert self.route is not None
+        if not view.can_climb and any(
+            leg.mode == CLIMB for leg in self.route.legs[self._index + 1 :]
+        ):
+            return True
+        return self.energy_left > view.energy and view.time > self._planned_at + _OFTEN
+
+    def _recover(self, view: RobotView, grid: PlanningGrid) -> Wish:
+        """Step back, look to the left and to the right, then plan again."""
+        if view.mode != TROT:
+            if self._waits(view, _CHANGING):
+                self.stop(view, Outcome.NOT_CHANGED, f"{Outcome.NOT_CHANGED.value} {TROT}")
+            self._moves_since = view.time
+            return Wish(TROT)
+        since = view.time - self._moves_since
+        if since < _BACK_TIME:
+            return Wish(TROT, velocity=VelocityCommand(-_BACK if _has_room(grid, view) else 0.0))
+        looked = since - _BACK_TIME
+        if looked < 3.0 * _LOOK_TIME:
+            side = 1.0 if not _LOOK_TIME <= looked < 2.0 * _LOOK_TIME else -1.0
+            return Wish(TROT, velocity=VelocityCommand(turn=side * _LOOK_RATE))
+        self._enter(_Phase.PLAN, view)
+        return Wish(TROT)
+
+    def _give_up(self, view: RobotView, outcome: Outcome, reason: str = "") -> None:
+        """Recover, or stop where that was tried often enough or would not help.
+
+        On a slope it waits for another map: it neither steps back nor turns there.
+        """
+        helpless = outcome is Outcome.NO_ROUTE and self.refusal not in _MAY_CHANGE
+        if helpless or not self._may_try_again():
+            self.stop(view, outcome, reason)
+            return
+        self._follower = None
+        self._enter(_Phase.LOOK if self._is_on_slope else _Phase.RECOVER, view)
+
+    def _begin_again(self, view: RobotView) -> None:
+        """Count that the robot plans or changes the mode anew; too often without a way is stuck."""
+        self._begun += 1
+        if self._begun > _MOST_BEGUN:
+            self._begun = 0
+            self._give_up(view, Outcome.STUCK)
+
+    def _may_try_again(self) -> bool:
+        """Count a recovery; return whether it may be made."""
+        if self._tries == _RECOVERIES or self.recoveries == _MOST_RECOVERIES:
+            return False
+        self._tries += 1
+        self.recoveries += 1
+        return True
+
+    # Judgements -----------------------------------------------------------------------------------
+    def _is_stuck(self, view: RobotView) -> bool:
+        time, pose = self._mark
+        moved = math.hypot(view.pose.x - pose.x, view.pose.y - pose.y)
+        turned = abs(math.remainder(view.pose.yaw - pose.yaw, 2.0 * math.pi))
+        if moved > _PROGRESS or turned > _TURNED:
+            self._begun = 0
+            self._mark = view.time, view.pose
+            return False
+        return view.time > time + _PATIENCE
+
+
+def _needs_a_look(route: Route, place: Place) -> bool:
+    """Return whether a route climbs from a place where too little of the slope is seen."""
+    for leg in route.legs:
+        away = math.hypot(leg.points[0, 0] - place[0], leg.points[0, 1] - place[1])
+        if not leg.is_seen and away < _SAME_PLACE:
+            return True
+    return False
+
+
+def _is_blocked(grid: PlanningGrid, follower: LegFollower) -> bool:
+    """Return whether something stands on what is left of a leg.
+
+    A robot that stands too near an obstacle may leave it, on ground on which it can step. Cells
+    beside the way count as free too: it leads over them where it cuts their corners.
+    """
+    x, y, yaw = follower.ahead().T
+    lattice, heading = grid.lattice, heading_of(yaw)
+    i, j = (np.floor(each / lattice.resolution).astype(int) for each in (x, y))
+    i, j = i - lattice.x, j - lattice.y
+    is_free, is_rough = np.zeros(len(x), np.bool_), np.zeros(len(x), np.bool_)
+    inside = (i >= 0) & (i < lattice.cells) & (j >= 0) & (j < lattice.cells)
+    is_rough[inside] = grid.rough[i[inside], j[inside]]
+    for beside_i, beside_j in np.ndindex(3, 3):
+        k, m = i + beside_i - 1, j + beside_j - 1
+        inside = (k >= 0) & (k < lattice.cells) & (m >= 0) & (m < lattice.cells)
+        is_free[inside] |= grid.free[heading[inside], k[inside], m[inside]]
+    was_free = np.logical_or.accumulate(is_free)
+    was_free[round(_LEAVING / PATH_STEP) :] = True
+    return bool((is_rough | (was_free & ~is_free)).any())
+
+
+def _ahead(pose: PlanePose, way: float) -> Place:
+    """Return the place ahead of a pose [m]."""
+    return pose.x + way * math.cos(pose.yaw), pose.y + way * math.sin(pose.yaw)
+
+
+def _is_seen(grid: PlanningGrid, pose: PlanePose, left: float) -> bool:
+    """Return whether the ground ahead of a pose has been seen, of the way that is left [m]."""
+    for way in np.arange(_SIGHT[0], min(_SIGHT[1], left), grid.lattice.resolution):
+        cell = grid.lattice.index_of(*_ahead(pose, way))
+        if cell is None or not grid.known[cell]:
+            return False
+    return True
+
+
+def _can_go_on(grid: PlanningGrid, leg: Leg, pose: PlanePose) -> bool:
+    """Return whether the ground ahead on a climb, up to its end, was seen and is even."""
+    end = leg.points[-1]
+    left = math.hypot(end[0] - pose.x, end[1] - pose.y)
+    for way in np.arange(0.0, min(left, _CLIMB_EVEN), grid.lattice.resolution):
+        cell = grid.lattice.index_of(*(np.array(pose[:2]) + way / left * (end - pose[:2])))
+        if cell is None or grid.rough[cell]:
+            return False
+        if way < _CLIMB_SEEN and not grid.known[cell]:
+            return False
+    return True
+
+
+def _is_level(grid: PlanningGrid, pose: PlanePose) -> bool:
+    """Return whether a robot can walk where it stands."""
+    cell = grid.lattice.index_of(pose.x, pose.y)
+    return cell is not None and not grid.steep[cell]
+
+
+def _has_room(grid: PlanningGrid, view: RobotView) -> bool:
+    """Return whether a robot may step back: the ground there is known, and it fits."""
+    x, y, yaw = view.pose
+    way = _BACK * _BACK_TIME
+    cell = grid.lattice.index_of(x - way * math.cos(yaw), y - way * math.sin(yaw))
+    return cell is not None and bool(grid.known[cell] and grid.free[int(heading_of(yaw)), *cell])
