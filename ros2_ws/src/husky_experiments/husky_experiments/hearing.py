@@ -17,7 +17,13 @@ from rclpy.callback_groups import CallbackGroup
 from rclpy.subscription import Subscription
 
 from husky_experiments.link import GraphLink
-from husky_msgs.msg import ControllerState, DriveStatusArray, FanState, PropulsionState
+from husky_msgs.msg import (
+    ControllerState,
+    DriveStatusArray,
+    FanState,
+    NavigatorState,
+    PropulsionState,
+)
 from husky_runtime import graph
 from husky_runtime.nodes import stamps
 
@@ -31,19 +37,20 @@ _REPORTS = {
     graph.FAN_STATE: 10_000_000,
     graph.CONTROLLER_STATE: 20_000_000,
     graph.MAP_POSE: 20_000_000,
+    graph.NAVIGATOR_STATE: 100_000_000,
     graph.DRIVES_STATUS: 100_000_000,
 }
 """Periods of what nodes report of themselves [ns]."""
+_BY_LEGS = (graph.CONTROLLER_STATE, graph.MAP_POSE, graph.NAVIGATOR_STATE)
 _REPORTERS = {
     graph.PLANT: (graph.GROUND_TRUTH, graph.FAN_STATE),
-    **dict.fromkeys(
-        graph.JOINT_BRIDGES, (graph.DRIVES_STATUS, graph.CONTROLLER_STATE, graph.MAP_POSE)
-    ),
-    graph.LOW_LEVEL_CONTROLLER: (graph.CONTROLLER_STATE, graph.MAP_POSE),
-    graph.LOCALIZER: (graph.MAP_POSE,),
+    **dict.fromkeys(graph.JOINT_BRIDGES, (graph.DRIVES_STATUS, *_BY_LEGS)),
+    graph.LOW_LEVEL_CONTROLLER: _BY_LEGS,
+    graph.LOCALIZER: (graph.MAP_POSE, graph.NAVIGATOR_STATE),
+    graph.NAVIGATOR: (graph.NAVIGATOR_STATE,),
 }
-"""Topics that stop without a node: the controller ticks by the joint states, and the localizer
-publishes with each of the controller's poses."""
+"""Topics that stop without a node: the controller ticks by the joint states, the localizer
+publishes with each of the controller's poses, and the navigator with each fifth of those."""
 
 
 def waiting(subscription: Subscription) -> Iterator[Any]:
@@ -79,6 +86,7 @@ class HeardGraph(GraphLink):
         fans: newest truth about the fans, or None.
         propulsion: newest state of the propulsion unit, or None.
         map_pose: newest pose of the base in `map`, or None.
+        navigator: newest state of the navigator, or None.
     """
 
     _reports: Sequence[Subscription] = ()  # nobody listens before the graph is complete
@@ -100,6 +108,7 @@ class HeardGraph(GraphLink):
                 (FanState, graph.FAN_STATE, self._on_fans),
                 (PropulsionState, graph.PROPULSION_STATE, self._on_propulsion),
                 (PoseWithCovarianceStamped, graph.MAP_POSE, self._on_map_pose),
+                (NavigatorState, graph.NAVIGATOR_STATE, self._on_navigator),
             )
         ]
         self._radio_frames = 0
@@ -121,7 +130,7 @@ class HeardGraph(GraphLink):
         if not self._has_fans:
             del self._reported[graph.FAN_STATE]
         if not self._has_map:
-            del self._reported[graph.MAP_POSE]
+            del self._reported[graph.MAP_POSE], self._reported[graph.NAVIGATOR_STATE]
         self.time = 0.0
         self.state: ControllerState | None = None
         self.truth: Odometry | None = None
@@ -129,6 +138,7 @@ class HeardGraph(GraphLink):
         self.fans: FanState | None = None
         self.propulsion: PropulsionState | None = None
         self.map_pose: PoseWithCovarianceStamped | None = None
+        self.navigator: NavigatorState | None = None
 
     def _hears_reports(self) -> bool:
         """Return whether everybody who reports has been found."""
@@ -138,7 +148,7 @@ class HeardGraph(GraphLink):
         if self._has_fans:
             topics += [graph.FAN_STATE, graph.PROPULSION_STATE]
         if self._has_map:
-            topics += [graph.MAP_POSE]
+            topics += [graph.MAP_POSE, graph.NAVIGATOR_STATE]
         return all(self.count_publishers(topic) >= 1 for topic in topics)
 
     def _catch_up(self) -> None:
@@ -197,6 +207,10 @@ class HeardGraph(GraphLink):
     def _on_map_pose(self, pose: PoseWithCovarianceStamped) -> None:
         self.map_pose = pose
         self._reported[graph.MAP_POSE] = stamps.to_ns(pose.header.stamp)
+
+    def _on_navigator(self, state: NavigatorState) -> None:
+        self.navigator = state
+        self._reported[graph.NAVIGATOR_STATE] = stamps.to_ns(state.stamp)
 
     def _on_fans(self, fans: FanState) -> None:
         self.fans = fans

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Self
 
 import rclpy
+from rclpy.action.client import ActionClient
 from rclpy.callback_groups import CallbackGroup
 from rclpy.client import Client
 from rclpy.context import Context
@@ -274,6 +275,16 @@ class GraphLink:
         """
         self._services[service] = self._node.create_client(kind, service)
         self.wait_for(self._services[service].service_is_ready, service)
+
+    def add_action(self, kind: Any, name: str) -> ActionClient:
+        """Return a client of an action of the graph, once the action is there.
+
+        Raises:
+            SessionError: it does not come up.
+        """
+        client = ActionClient(self._node, kind, name)
+        self.wait_for(client.server_is_ready, f"action {graph.absolute(name)}")
+        return client
 
     def count_publishers(self, topic: str) -> int:
         """Return how many nodes publish a topic, as far as is known here."""
