@@ -30,8 +30,8 @@ _REST = 2.0
 """Time after the end in which the robot comes to rest [s]."""
 _STILL = 0.05
 """Speed below which it is at rest [m/s]."""
-_NEAR = 0.3
-"""Distance from a goal within which it is truly reached [m]."""
+_NEAR = 0.5
+"""Distance from a goal within which it is truly reached, as `map` is off after a jump [m]."""
 _EMPTY = "0.05"
 """Charge of a battery that is critical."""
 
@@ -123,7 +123,8 @@ def run(run: Run) -> None:
             case = CASES[name]
             said = _go_through(session, traveller, case, goals[case.goal])
             session.advance(_REST)
-            is_there = _distance_to(session, traveller.goal) < _NEAR
+            off = _distance_to(session, traveller.goal)
+            is_there = off < _NEAR
             expected_end = any(
                 word in said if word else not said and is_there for word in case.ends
             )
@@ -131,7 +132,7 @@ def run(run: Run) -> None:
             fell = has_fallen(session.truth, lowest)
             safe = stands and not fell and _speed(session) < _STILL
             run.say(f"{name}: {said or 'reached'}; {'safe' if safe else 'NOT SAFE'}")
-            run.metrics[name] = said or "reached"
+            run.metrics[name] = said or f"reached, {off:.2f} m off"
             run.require(f"{name}_ok", int(expected_end and safe), lower=1)
             falls += fell
             case.heal(session, traveller)
