@@ -98,8 +98,18 @@ def test_the_rules_name_fields_that_are_there():
         message = (getattr(found, request) if request else found)()
         for path in rules:
             value = message
-            for step in path.split("."):
-                value = getattr(value, step)
+            *through, last = path.split(".")
+            for step in through:
+                part = getattr(value, step)
+                value = entry_of(value, step) if isinstance(part, list) else part
+            getattr(value, last)
+
+
+def entry_of(message, field):
+    """Return an empty entry of a message's list of messages."""
+    slots = dict(zip(message.get_fields_and_field_types(), message.SLOT_TYPES, strict=True))
+    kind = slots[field].value_type
+    return getattr(importlib.import_module(".".join(kind.namespaces)), kind.name)()
 
 
 LONG = {

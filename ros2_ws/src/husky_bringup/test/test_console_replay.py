@@ -16,6 +16,7 @@ from typing import Any
 
 import pytest
 from geometry_msgs.msg import TransformStamped
+from mcap.reader import make_reader
 from page_client import PageClient
 from rclpy.serialization import serialize_message
 from replay_bench import BEGIN, LENGTH, MAPPING, MODES, pose, read, stamp
@@ -238,8 +239,13 @@ def test_a_page_waits_for_what_has_not_been_read(
 
 def test_a_bag_that_is_cut_is_shown_up_to_there(walk_bag: Path, tmp_path: Path, play: Any) -> None:
     (tmp_path / "bag").mkdir()
-    whole = (walk_bag / "bag.mcap").read_bytes()
-    (tmp_path / "bag" / "bag.mcap").write_bytes(whole[: len(whole) // 2])
+    with (walk_bag / "bag.mcap").open("rb") as file:
+        summary = make_reader(file).get_summary()
+        assert summary is not None
+        last = summary.chunk_indexes[-1]
+        file.seek(0)
+        cut = file.read(last.chunk_start_offset + last.chunk_length // 2)
+    (tmp_path / "bag" / "bag.mcap").write_bytes(cut)
     record = read(tmp_path / "bag")
     length = record.end - BEGIN
     assert 1.0 < length < LENGTH - 1.0

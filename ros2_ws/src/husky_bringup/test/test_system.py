@@ -47,12 +47,13 @@ def test_the_controller_uses_fans_only_where_there_are_some():
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_the_depth_camera_comes_with_its_driver_the_mapper_and_the_localizer(robot):
+def test_the_depth_camera_comes_with_its_driver_and_with_navigation(robot):
     settings = {graph.PLANT: {"camera": True, "robot": robot}}
     without = {graph.PLANT: {"camera": False, "robot": robot}}
     names = [spec.name for spec in simulated_robot(settings=settings)]
     blind = [spec.name for spec in simulated_robot(settings=without)]
-    assert [*blind, graph.D435_DRIVER, graph.ELEVATION_MAPPER, graph.LOCALIZER] == names
+    seeing = graph.D435_DRIVER, graph.ELEVATION_MAPPER, graph.LOCALIZER, graph.NAVIGATOR
+    assert [*blind, *seeing] == names
 
 
 def test_bad_body_and_node():
