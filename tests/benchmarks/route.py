@@ -11,12 +11,12 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
 from husky_bringup.settings import HelpFormatter
+from husky_experiments.journey import planner_of
 from husky_navigation.planning.abilities import ABILITIES
 from husky_navigation.planning.planning_grid import grid_of
 from husky_navigation.planning.route import PlanePose, RouteError, find_route
 from husky_navigation.planning.route_search import RouteGraph
 from husky_navigation.planning.travel_costs import TravelCosts
-from husky_navigation.planning.world_map import WorldMap
 from husky_sim.random_world import random_world
 
 _PARTS = ("grid", "graph", "search")
@@ -35,9 +35,7 @@ def bench(arguments: list[str]) -> dict[str, Any]:
     times, climbs, unreached = [], 0, 0
     for seed in range(options.seed - 1, options.seed + options.worlds):
         world = random_world(np.random.default_rng(max(seed, options.seed)))
-        seen = WorldMap()
-        x, y = np.meshgrid(*seen.lattice.cell_centers(), indexing="ij")
-        seen.elevation[:] = world.height_at(x, y)
+        seen = planner_of(world).world
         marks = [time.process_time()]
         grid = grid_of(seen, abilities)
         marks.append(time.process_time())

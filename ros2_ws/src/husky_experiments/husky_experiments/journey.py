@@ -77,7 +77,7 @@ class Traveller:
 
     @property
     def said(self) -> str:
-        """What the navigator says of the end, "" if the goal is reached."""
+        """The navigator's reason for the end, "" if the goal is reached."""
         return str(self._result.result().result.error_msg)
 
     def _on_feedback(self, message: Any) -> None:

@@ -30,8 +30,8 @@ _REST = 2.0
 """Time after the end in which the robot comes to rest [s]."""
 _STILL = 0.05
 """Speed below which it is at rest [m/s]."""
-_NEAR = 0.5
-"""Distance from a goal within which it is truly reached, as `map` is off after a jump [m]."""
+_NEAR = 0.3
+"""Distance from a goal within which it is truly reached [m]."""
 _EMPTY = "0.05"
 """Charge of a battery that is critical."""
 

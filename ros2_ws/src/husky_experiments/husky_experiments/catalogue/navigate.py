@@ -17,7 +17,7 @@ from husky_experiments.scripts import stand_up
 from husky_experiments.session import SessionError
 from husky_experiments.steering import heading_of
 from husky_navigation.planning.route import PlanePose, Route, RouteError
-from husky_navigation.planning.route_planner import Limits, RoutePlanner
+from husky_navigation.planning.route_planner import Limits
 from husky_navigation.planning.route_search import MODES, WALK
 from husky_sim.random_world import random_world
 
@@ -69,10 +69,12 @@ def run(run: Run) -> None:
     options = run.options
     if options.worlds < 1:
         raise SessionError(f"--worlds is {options.worlds}, it must be 1 or more")
-    visits = []
+    visits, references = [], []
     for seed in range(options.seed, options.seed + options.worlds):
-        visit = _visit(run, seed)
+        reference = Reference(seed)
+        visit = _visit(run, reference)
         visits.append(visit)
+        references.append(reference)
         run.say(f"world {seed}: {visit.summary}")
     with (run.output / "worlds.csv").open("w", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(file, [each.name for each in fields(Visit)])
@@ -93,20 +95,47 @@ def run(run: Run) -> None:
     if not options.no_figures:
         from husky_experiments.figures.navigate import Journey, draw_journeys
 
-        journeys = []
-        for visit in visits:
-            world = random_world(np.random.default_rng(visit.seed))
-            planner, goal = planner_of(world), PlanePose(*world.goal)
-            title = f"world {visit.seed}: {visit.said or 'reached'}"
-            best = best_route(planner, goal, MODES)
-            journeys.append(Journey(title, planner, best, goal, run.recording(_label(visit.seed))))
+        journeys = [
+            Journey(
+                f"world {visit.seed}: {visit.said or 'reached'}",
+                reference.planner,
+                reference.best,
+                reference.goal,
+                run.recording(_label(visit.seed)),
+            )
+            for visit, reference in zip(visits, references, strict=True)
+        ]
         draw_journeys(journeys, run.output)
 
 
-def _visit(run: Run, seed: int) -> Visit:
+class Reference:
+    """A world as it truly is, for comparison.
+
+    Attributes:
+        seed: of the world.
+        barrier: the only way leads over a ridge.
+        goal: of the robot.
+        planner: has seen all ground.
+        best, best_walking: cheapest routes with all modes, and without climbs; None for none.
+    """
+
+    def __init__(self, seed: int) -> None:
+        """Plan on the true map."""
+        world = random_world(np.random.default_rng(seed))
+        self.seed, self.barrier, self.goal = seed, world.barrier, PlanePose(*world.goal)
+        self.planner = planner_of(world)
+        self.best, self.best_walking = (self._route(modes) for modes in (MODES, (WALK,)))
+
+    def _route(self, modes: tuple[str, ...]) -> Route | None:
+        try:
+            return self.planner.plan(PlanePose(0.0, 0.0, 0.0), self.goal, Limits(modes))
+        except RouteError:
+            return None
+
+
+def _visit(run: Run, reference: Reference) -> Visit:
     """Go through one world."""
-    world, label = random_world(np.random.default_rng(seed)), _label(seed)
-    goal = PlanePose(*world.goal)
+    seed, goal, label = reference.seed, reference.goal, _label(reference.seed)
     with run.session(obstacle_settings(seed), label=label, expected=100.0) as session:
         stand_up(session)
         session.advance(_LOOKING)
@@ -120,10 +149,9 @@ def _visit(run: Run, seed: int) -> Visit:
     at, q = truth.pose.pose.position, truth.pose.pose.orientation
     distance = math.hypot(at.x - goal.x, at.y - goal.y)
     angle = abs(math.remainder(heading_of((q.x, q.y, q.z, q.w)) - goal.yaw, 2.0 * math.pi))
-    planner = planner_of(world)
     return Visit(
         seed=seed,
-        barrier=world.barrier,
+        barrier=reference.barrier,
         reached=not fell and distance <= _NEAR and angle <= _TURNED,
         fell=fell,
         said=said,
@@ -132,17 +160,9 @@ def _visit(run: Run, seed: int) -> Visit:
         angle_rad=angle,
         time_s=end - start,
         energy_j=energy_over(run.recording(label), start, end),
-        best_j=_energy(best_route(planner, goal, MODES)),
-        best_walking_j=_energy(best_route(planner, goal, (WALK,))),
+        best_j=_energy(reference.best),
+        best_walking_j=_energy(reference.best_walking),
     )
-
-
-def best_route(planner: RoutePlanner, goal: PlanePose, modes: tuple[str, ...]) -> Route | None:
-    """Return the best route from the origin with some modes, None where there is none."""
-    try:
-        return planner.plan(PlanePose(0.0, 0.0, 0.0), goal, Limits(modes))
-    except RouteError:
-        return None
 
 
 def _energy(route: Route | None) -> float:

@@ -79,7 +79,7 @@ _LONG = 1.0
 
 
 class RobotView(NamedTuple):
-    """What the robot tells.
+    """Report of the robot.
 
     Attributes:
         time: simulated or wall time [s].
@@ -105,7 +105,7 @@ class RobotView(NamedTuple):
 
 
 class Wish(NamedTuple):
-    """What the robot is asked for.
+    """Request to the robot.
 
     Attributes:
         mode: of the controller.
@@ -189,7 +189,7 @@ class Navigation:
 
     @property
     def phase(self) -> str:
-        """What it does, for a person."""
+        """Name of what it does, for a person."""
         return self._phase.value
 
     @property

@@ -7,6 +7,7 @@ import array
 import numpy as np
 from grid_map_msgs.msg import GridMap
 from nav_msgs.msg import OccupancyGrid
+from numpy.typing import NDArray
 from std_msgs.msg import Float32MultiArray, MultiArrayDimension, MultiArrayLayout
 
 from husky_description.arrays import Array
@@ -47,7 +48,8 @@ def grid_map_message(ground: ElevationMap, surface: Surface, time_ns: int) -> Gr
         basic_layers=list(BASIC_LAYERS),
         data=[_layer_message(layer) for layer in layers.values()],
     )
-    _fill_header(message, time_ns)
+    message.header.frame_id = graph.FRAME_ODOM
+    stamps.fill(message.header.stamp, time_ns)
     info, lattice = message.info, ground.lattice
     info.resolution = lattice.resolution
     info.length_x = info.length_y = lattice.cells * lattice.resolution
@@ -81,22 +83,25 @@ def elevation_of(message: GridMap) -> tuple[Array, Lattice]:
 
 def occupancy_message(ground: ElevationMap, surface: Surface, time_ns: int) -> OccupancyGrid:
     """Return the costs of the map's cells for a planner at a time [ns]."""
-    message, lattice = OccupancyGrid(), ground.lattice
-    _fill_header(message, time_ns)
+    costs = occupancy_of(surface, ground.parameters)
+    return costs_message(costs, ground.lattice, graph.FRAME_ODOM, time_ns)
+
+
+def costs_message(
+    costs: NDArray[np.int8], lattice: Lattice, frame: str, time_ns: int
+) -> OccupancyGrid:
+    """Return costs of cells (n, n), -1 unknown to 100, as a message in a frame at a time [ns]."""
+    message = OccupancyGrid()
+    message.header.frame_id = frame
+    stamps.fill(message.header.stamp, time_ns)
     info = message.info
     info.map_load_time = message.header.stamp
     info.resolution = lattice.resolution
     info.width = info.height = lattice.cells
     info.origin.position.x = lattice.x * lattice.resolution
     info.origin.position.y = lattice.y * lattice.resolution
-    costs = to_occupancy_grid(occupancy_of(surface, ground.parameters))
-    message.data = array.array("b", costs.tobytes())
+    message.data = array.array("b", to_occupancy_grid(costs).tobytes())
     return message
-
-
-def _fill_header(message: GridMap | OccupancyGrid, time_ns: int) -> None:
-    stamps.fill(message.header.stamp, time_ns)
-    message.header.frame_id = graph.FRAME_ODOM
 
 
 def _layer_message(layer: Array) -> Float32MultiArray:

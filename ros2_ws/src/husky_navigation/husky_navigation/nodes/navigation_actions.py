@@ -92,7 +92,7 @@ class Errand:
 
 
 class GoalTaker(Protocol):
-    """What the actions need of the navigator."""
+    """Do for the actions what they are asked for."""
 
     def goal_of(self, message: PoseStamped) -> PlanePose:
         """Return a goal; raises ValueError for a frame other than `map`."""

@@ -62,7 +62,7 @@ _PLANS_KEPT = 100
 _ROBOTS = {DRIVES: "carbon", BUS_SERVOS: "beta"}
 """Whose abilities and costs go with a kind of actuation."""
 _REPORTS = QoSProfile(depth=64, reliability=ReliabilityPolicy.RELIABLE)
-"""What comes 50 times a second must not be lost while a route is planned."""
+"""Of topics at 50 Hz, of which no message may be lost while a route is planned."""
 
 
 class Navigator(OneClock, Node):
@@ -295,15 +295,15 @@ class Navigator(OneClock, Node):
         self._step_ns = stamp
         now = 1e-9 * stamp
         view = RobotView(
-            now,
-            plane_pose(pose.pose.pose),
-            state.mode,
-            self._commands.fans_ready(now),
-            now - 1e-9 * self._map_ns,
-            self._speed(),
-            self._commands.can_climb,
-            self._energy(),
-            self._commands.waits,
+            time=now,
+            pose=plane_pose(pose.pose.pose),
+            mode=state.mode,
+            fans_ready=self._commands.fans_ready(now),
+            map_age=now - 1e-9 * self._map_ns,
+            speed=self._speed(),
+            can_climb=self._commands.can_climb,
+            energy=self._energy(),
+            waits=self._commands.waits,
         )
         errand = self._errand
         if errand is not None:

@@ -1,4 +1,4 @@
-"""What the navigator asks of the robot, by the interface that an operator has too."""
+"""Commands of the navigator to the robot, by the interface that an operator has too."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class RobotCommands:
 
     @property
     def can_climb(self) -> bool:
-        """Whether there are fans, and none is lost."""
+        """True if there are fans, and none is lost."""
         fans = self._fans
         return fans is not None and bool(fans.connected) and all(fans.fan_ok)
 
@@ -148,5 +148,5 @@ class RobotCommands:
 
     @property
     def waits(self) -> bool:
-        """Whether a request has no answer yet."""
+        """True as long as a request has no answer."""
         return any(not future.done() for *_, future in self._requests.values())

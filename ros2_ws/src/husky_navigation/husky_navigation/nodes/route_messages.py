@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import array
 import math
 from itertools import pairwise
 
@@ -11,7 +10,7 @@ from geometry_msgs.msg import Point, PoseStamped
 from nav_msgs.msg import OccupancyGrid, Path
 from visualization_msgs.msg import Marker, MarkerArray
 
-from husky_navigation.grid_layout import to_occupancy_grid
+from husky_navigation.nodes.map_messages import costs_message
 from husky_navigation.planning.planning_grid import PlanningGrid
 from husky_navigation.planning.route import Leg, PlanePose, Route
 from husky_navigation.planning.route_search import CLIMB, WALK
@@ -90,19 +89,9 @@ def _label(leg: Leg, place: Point, number: int) -> Marker:
 
 def cost_message(grid: PlanningGrid, time_ns: int) -> OccupancyGrid:
     """Return the costs of the planning cells: 0 free, 60 climbed or next to it, 100 never."""
-    message, lattice = OccupancyGrid(), grid.lattice
-    message.header.frame_id = graph.FRAME_MAP
-    stamps.fill(message.header.stamp, time_ns)
-    info = message.info
-    info.map_load_time = message.header.stamp
-    info.resolution = lattice.resolution
-    info.width = info.height = lattice.cells
-    info.origin.position.x = lattice.x * lattice.resolution
-    info.origin.position.y = lattice.y * lattice.resolution
     costs = np.where(grid.rough, _LETHAL, np.where(grid.free.any(axis=0), 0, _STEEP))
     costs = np.where(grid.filled, costs, -1).astype(np.int8)
-    message.data = array.array("b", to_occupancy_grid(costs).tobytes())
-    return message
+    return costs_message(costs, grid.lattice, graph.FRAME_MAP, time_ns)
 
 
 def _poses(leg: Leg) -> list[PlanePose]:

@@ -26,7 +26,7 @@ from husky_navigation.planning.world_map import WorldMap
 
 
 class Limits(NamedTuple):
-    """What a route must not exceed.
+    """Limits of a route.
 
     Attributes:
         modes: ways of moving that it may have, of `MODES`.
