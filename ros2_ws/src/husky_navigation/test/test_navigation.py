@@ -237,6 +237,27 @@ def test_a_robot_that_stands_on_a_slope_goes_on_up(ridged: PlanningGrid) -> None
     assert navigation.outcome is Outcome.REACHED, navigation.reason
 
 
+def test_on_a_crest_without_a_way_it_waits_for_a_map_on_its_fans(ridged: PlanningGrid) -> None:
+    """Its hind feet are on the slope still: a robot that steps back there slides down."""
+    robot = ObedientRobot(ridged, PlanePose(RIDGE.crest + 0.05, 0.0, 0.0))
+    robot.mode, plans = "wair", list[int]()
+
+    def plan(start: PlanePose, goal: PlanePose, closed: tuple[Place, ...]) -> Route:
+        plans.append(1)
+        if len(plans) == 1:
+            raise RouteError(Refusal.NO_WAY)
+        return robot.plan(start, goal, closed)
+
+    navigation = Navigation([PlanePose(RIDGE.crest + 0.7, 0.0, 0.0)], plan)
+    robot.run_until(navigation, lambda: len(plans) == 2)
+    assert robot.wish.fans
+    assert robot.mode == robot.wish.mode == "wair"
+    assert navigation.leg is not None
+    assert navigation.leg.mode == "climb"
+    robot.run(navigation)
+    assert navigation.outcome is Outcome.REACHED
+
+
 def test_with_a_fan_lost_it_goes_back_down_the_slope(ridged: PlanningGrid) -> None:
     robot = ObedientRobot(ridged, PlanePose(-5.0, 0.0, 0.0))
     navigation = Navigation([PlanePose(5.8, 0.6, 0.0)], robot.plan)

@@ -232,7 +232,7 @@ class Navigation:
         self._look_at_mode(view)
         if self.outcome is not None:
             return None
-        self._is_on_slope = view.mode == WAIR and not _is_level(grid, view.pose)
+        self._is_on_slope = view.mode == WAIR and not _can_walk(grid, view.pose)
         if self._phase is _Phase.PLAN:
             self._make_route(view)
         if self._phase is _Phase.LOOK:
@@ -535,10 +535,10 @@ def _can_go_on(grid: PlanningGrid, leg: Leg, pose: PlanePose) -> bool:
     return True
 
 
-def _is_level(grid: PlanningGrid, pose: PlanePose) -> bool:
-    """Return whether a robot can walk where it stands."""
+def _can_walk(grid: PlanningGrid, pose: PlanePose) -> bool:
+    """Return whether a robot can walk where it stands: on a crest its hind feet are on the slope."""
     cell = grid.lattice.index_of(pose.x, pose.y)
-    return cell is not None and not grid.steep[cell]
+    return cell is not None and bool(grid.free[int(heading_of(pose.yaw)), *cell])
 
 
 def _has_room(grid: PlanningGrid, view: RobotView) -> bool:

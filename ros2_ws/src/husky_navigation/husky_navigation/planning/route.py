@@ -144,7 +144,8 @@ def find_route(graph: RouteGraph, start: PlanePose, goal: PlanePose) -> Route:
     if last is None:
         raise RouteError(Refusal.GOAL_OUTSIDE)
     begin, end = _free_beside(grid, start, first), (int(heading_of(goal.yaw)), *last)
-    is_climbing = begin is None or grid.slope[first] > _SLOPE
+    fits = bool(grid.free[int(heading_of(start.yaw)), *first])
+    is_climbing = begin is None or grid.slope[first] > _SLOPE or not fits
     off = _off_slope(graph, start) if is_climbing else None
     if off is None and begin is None:
         raise RouteError(Refusal.START_OCCUPIED)
