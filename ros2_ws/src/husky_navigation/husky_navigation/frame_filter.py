@@ -88,6 +88,24 @@ class MatchedPose(NamedTuple):
     yaw: float
 
 
+class TrackedPlace(NamedTuple):
+    """Place that the T265 has seen, and how well the base was known there.
+
+    Attributes:
+        position: of the base in map [m].
+        tracking: pose of t265_odom in map.
+        variance: (4,) of the base, x, y, z [m^2], yaw [rad^2].
+        walked: distance by odometry up to there [m].
+        alone: part of it that the base has gone by the legs alone [m].
+    """
+
+    position: Vector
+    tracking: LevelTransform
+    variance: Array
+    walked: float
+    alone: float
+
+
 class FrameFilter:
     """Extended Kalman filter over the errors of the base's pose in map, by odometry and by T265.
 
@@ -99,12 +117,15 @@ class FrameFilter:
         odom: pose of odom in map.
         tracking: pose of t265_odom in map; only of meaning after `anchor`.
         walked: distance by odometry [m].
+        alone: part of it by the legs alone, up to the last `anchor` [m].
     """
 
     def __init__(self, parameters: LocalizerParameters) -> None:
         """Start with all frames at the origin of map, and without error."""
         self.odom = self.tracking = LevelTransform()
-        self.walked = 0.0
+        self.walked = self.alone = 0.0
+        self._tracked = 0.0  # `walked` at the last pose of the T265 that was used.
+        self._relocalised = 0.0, 0.0  # `walked` and `alone` at the last relocalisation.
         self._covariance = np.zeros((8, 8))
         self._at: Vector = (0.0, 0.0, 0.0)
         self._rest: tuple[Vector, Quaternion] | None = None
@@ -115,6 +136,8 @@ class FrameFilter:
             [legs * p.leg_drift**2] * 2 + [legs * p.leg_height_drift**2, p.leg_heading_drift**2]
         )
         self._tracking_growth = np.array([tracking] * 3 + [p.tracking_heading_drift**2])
+        self._leg_scale = np.array([p.leg_drift] * 2 + [p.leg_height_drift])
+        self._tracking_scale = np.full(3, p.tracking_drift)
         self._turn_growth, self._rest_growth = p.leg_turn_drift**2, p.leg_rest_drift**2
         self._noise = np.array([p.tracking_position_noise**2] * 3 + [p.tracking_heading_noise**2])
         self._place_noise = np.array([p.place_deviation**2] * 3 + [p.place_heading_deviation**2])
@@ -185,6 +208,8 @@ class FrameFilter:
     # The T265 -----------------------------------------------------------------------------------
     def anchor(self, match: MatchedPose, confidence: int) -> None:
         """Put t265_odom where the T265 has the base at the place that the filter knows."""
+        self.alone += self.walked - self._tracked
+        self._tracked = self.walked
         base = self.odom.apply(match.in_odom)
         self._move_to(base)
         yaw = self.odom.yaw + match.yaw
@@ -230,36 +255,60 @@ class FrameFilter:
         self.odom = _corrected(self.odom, match.in_odom, error[_BASE])
         self.tracking = _corrected(self.tracking, match.in_tracking, error[_OFFSET])
         self._at = self.odom.apply(match.in_odom)
+        self._tracked = self.walked
         return True
 
-    def relocalise(self, match: MatchedPose, tracking: LevelTransform, variance: Array) -> bool:
+    # Places -------------------------------------------------------------------------------------
+    def place(self, match: MatchedPose) -> TrackedPlace:
+        """Return the place where the base is, with the T265 in use."""
+        variance = np.diag(self.covariance_at(match.in_odom))
+        base = self.odom.apply(match.in_odom)
+        return TrackedPlace(base, self.tracking, variance, self.walked, self.alone)
+
+    def relocalise(self, match: MatchedPose, place: TrackedPlace) -> bool:
         """Correct the base by a place that the T265 has recognised; anchor t265_odom there.
 
         The uncertainty of the base when the place was seen first stays: only the drift since then
-        is corrected, on each axis by itself.
+        is corrected, on each axis by itself. The gate is of the drift that is possible over the
+        distance since then, which is less than the filter's on a short way.
 
         Args:
             match: of the base.
-            tracking: pose of t265_odom in map at the place, when it was seen first.
-            variance: (4,) of the base at that time, x, y, z [m^2], yaw [rad^2].
+            place: as it was when it was seen first.
 
         Returns:
             False, and nothing is corrected, if the place is beyond the gate.
         """
         self._move_to(self.odom.apply(match.in_odom))
-        innovation = self.difference(match, tracking)
+        innovation = self.difference(match, place.tracking)
         now = np.diag(self._covariance)[_BASE].copy()
-        drift = np.maximum(now - variance, 0.0)
-        total = drift + self._place_noise
-        if float(np.sum(innovation**2 / total)) > self._place_gate:
+        drift = np.maximum(now - place.variance, 0.0)
+        possible = np.maximum(drift - self._excess_since(place), 0.0) + self._place_noise
+        if float(np.sum(innovation**2 / possible)) > self._place_gate:
             return False
-        gain = drift / total
+        gain = drift / (drift + self._place_noise)
         self.odom = _corrected(self.odom, match.in_odom, (gain * innovation).tolist())
         left = np.sqrt((now - gain * drift) / np.maximum(now, 1e-12))
         self._covariance[_BASE, _BASE] *= np.outer(left, left)
         self._at = self.odom.apply(match.in_odom)
         self.anchor(match, HIGH_CONFIDENCE)
+        self._relocalised = self.walked, self.alone
         return True
+
+    def _excess_since(self, place: TrackedPlace) -> Array:
+        """Return by how much the filter overrates the drift since a place, (4,) [m^2], [rad^2].
+
+        The filter adds 2 L sigma^2 for each metre. An error of scale or direction that lasts over
+        L drifts by no more than sigma^2 d^2 in a distance d, which is less below 2 L.
+        """
+        walked, alone = self._relocalised
+        alone_since = self.alone + self.walked - self._tracked - max(place.alone, alone)
+        tracked_since = self.walked - max(place.walked, walked) - alone_since
+        legs, tracking = self._leg_growth[:3], self._tracking_growth[:3]
+        both = legs * tracking / (legs + tracking)
+        by_legs = legs * alone_since - (self._leg_scale * alone_since) ** 2
+        by_both = both * tracked_since - (self._tracking_scale * tracked_since) ** 2
+        return np.append(np.maximum(by_legs, 0.0) + np.maximum(by_both, 0.0), 0.0)
 
 
 def _corrected(frame: LevelTransform, point: Vector, error: list[float]) -> LevelTransform:

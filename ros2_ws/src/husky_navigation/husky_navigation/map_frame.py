@@ -9,8 +9,9 @@ Every frame is compared with the one before: a step that the legs do not explain
 that has started, has jumped or was gone is watched until it is steady, then t265_odom is anchored
 anew where the base is, so that nothing in map moves. There is one exception: the camera returns to
 a place that it knows and corrects its own drift. It then has the base where map has it by what the
-T265 said when it saw that place first. If that is within the drift since then, the jump is a
-relocalisation, and corrects the base in map.
+T265 said when it saw that place first. If that is within the drift that is possible over the
+distance since then, the jump is a relocalisation, and corrects the base in map. Any other jump
+within that drift looks the same.
 
 Where the two part without a jump, the robot slips, falls or is carried, and the T265 is believed.
 That holds as well for a T265 that stands still while the legs walk, as long as its poses have
@@ -36,6 +37,7 @@ from husky_navigation.frame_filter import (
     FrameFilter,
     LevelTransform,
     MatchedPose,
+    TrackedPlace,
     heading_between,
 )
 from husky_navigation.localizer_parameters import LocalizerParameters
@@ -123,15 +125,6 @@ class _TimedPose(NamedTuple):
     confidence: int = HIGH_CONFIDENCE
 
 
-class _Place(NamedTuple):
-    """Place that the T265 has seen: t265_odom in map there, and how well the base was known."""
-
-    position: Vector
-    walked: float
-    tracking: LevelTransform
-    variance: Array
-
-
 class MapFrame:
     """Localizer of the base in `map`.
 
@@ -164,7 +157,7 @@ class MapFrame:
         self._filter = FrameFilter(self.parameters)
         self._odometry: deque[_TimedPose] = deque(maxlen=_KEPT)
         self._waiting: deque[_TimedPose] = deque()
-        self._places: deque[_Place] = deque(maxlen=_PLACES)
+        self._places: deque[TrackedPlace] = deque(maxlen=_PLACES)
         self._phase = LocalizerState.LEGS_ONLY
         self._stamp = -1  # Of the newest frame.
         self._heard = 0  # Stamp of the newest odometry when the newest frame came.
@@ -455,7 +448,7 @@ class MapFrame:
             self._places.clear()
         self._phase, self._fused = LocalizerState.FUSED, match.stamp
         place = self._known_place(match) if self._jumped else None
-        if place is not None and self._filter.relocalise(match, place.tracking, place.variance):
+        if place is not None and self._filter.relocalise(match, place):
             self.counters.relocalised += 1
             self._relocalised = self._odometry[-1].stamp
             self._report("the T265 has recognised a place; the base in map is corrected")
@@ -477,11 +470,9 @@ class MapFrame:
         self._fused = match.stamp
         walked = self._filter.walked
         if not self._places or walked - self._places[-1].walked > self.parameters.place_spacing:
-            variance = np.diag(self._filter.covariance_at(match.in_odom))
-            base = self._filter.odom.apply(match.in_odom)
-            self._places.append(_Place(base, walked, self._filter.tracking, variance))
+            self._places.append(self._filter.place(match))
 
-    def _known_place(self, match: MatchedPose) -> _Place | None:
+    def _known_place(self, match: MatchedPose) -> TrackedPlace | None:
         """Return the nearest place at which the base was long ago, None if there is none near."""
         base = self._filter.odom.apply(match.in_odom)
         latest = self._filter.walked - self.parameters.loop_distance

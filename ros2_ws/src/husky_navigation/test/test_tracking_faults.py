@@ -135,6 +135,34 @@ def test_jump_where_the_t265_has_not_been_is_no_relocalisation():
     assert trial.step(6.0, 8.0) < QUIET
 
 
+def silent_round(change):
+    """Walk a round, 2.5 m of it by the legs alone, with another fault at the start again."""
+
+    def both(frames, legs):
+        frames.keep[frames.since(9.0, 11.5)] = False
+        change(frames, legs)
+
+    return run(replace(ROUND, distance=13.5), both)
+
+
+def test_jump_after_a_silence_is_no_relocalisation():
+    """Reject 0.3 m: over 2.5 m, legs of 1.5 % drift by 4 cm, and over 9.5 m a T265 by as much.
+
+    The filter's random walks grow to 13 cm, of which 0.3 m are within three deviations.
+    """
+    trial = silent_round(jump(12.8, by=(-0.14, 0.27, 0.0)))
+    assert trial.counts == {"frozen": 1, "jumps": 1, "absorbed": 1}
+    assert trial.step(12.0, 13.5) < QUIET
+    assert trial.distance[-1] < 0.06
+
+
+def test_relocalisation_after_a_silence_corrects_the_base():
+    """Correct a drift of the T265 of 0.14 m in 12 m: it has tracked on while it was silent."""
+    trial = silent_round(drift(12.8))
+    assert trial.counts == {"frozen": 1, "jumps": 1, "relocalised": 1}
+    assert trial.distance[-1] < 0.04 < 0.09 < trial.distance[round(50 * 12.8)]
+
+
 # A T265 that is gone ----------------------------------------------------------------------------
 def freeze(frames, legs):
     gone = frames.since(4.0, 6.0)
