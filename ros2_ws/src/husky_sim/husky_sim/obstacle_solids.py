@@ -7,15 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from husky_sim.obstacle_world import (
-    DITCH_DEPTH,
-    FIRST_X,
-    LAST_X,
-    SIDE,
-    ObstacleWorld,
-    Rectangle,
-    Ridge,
-)
+from husky_sim.obstacle_world import DITCH_DEPTH, ObstacleWorld, Rectangle, Ridge, Square
 from husky_sim.ramp import Place
 from husky_sim.scene_grounds import Patch, SolidBox
 
@@ -28,7 +20,7 @@ _BURIED = 0.05
 def ground_boxes(world: ObstacleWorld) -> list[SolidBox]:
     """Return the level ground around the ditches, from height 0 down to the floor of ditches."""
     boxes = []
-    for patch in _patches_around(world.ditches):
+    for patch in _patches_around(world.ditches, world.square):
         x, y = (patch.x_start + patch.x_end) / 2, (patch.y_start + patch.y_end) / 2
         length, width = patch.x_end - patch.x_start, patch.y_end - patch.y_start
         boxes.append(_upright_box(Rectangle(x, y, 0.0, length, width), -DITCH_DEPTH, 0.0))
@@ -43,13 +35,14 @@ def obstacle_boxes(world: ObstacleWorld) -> list[SolidBox]:
     return boxes
 
 
-def _patches_around(ditches: tuple[Rectangle, ...]) -> list[Patch]:
-    """Return strips along y that fill the world and its margin except for the ditches."""
+def _patches_around(ditches: tuple[Rectangle, ...], square: Square) -> list[Patch]:
+    """Return strips along y that fill the square and its margin except for the ditches."""
     pits = [
         Patch(d.x - d.length / 2, d.x + d.length / 2, d.y - d.width / 2, d.y + d.width / 2)
         for d in ditches
     ]
-    first, last, edge = FIRST_X - _MARGIN, LAST_X + _MARGIN, SIDE / 2 + _MARGIN
+    first, last = square.first_x - _MARGIN, square.last_x + _MARGIN
+    edge = square.side / 2 + _MARGIN
     cuts = sorted({first, last, *(p.x_start for p in pits), *(p.x_end for p in pits)})
     patches = []
     for start, end in pairwise(cuts):

@@ -1,7 +1,7 @@
 """A world of obstacles: ridges to climb, ditches, walls and crates between a start and a goal.
 
-A world is a square of 12 m in a fence, with level ground at height 0. The robot starts at the
-origin, 1.5 m from the fence behind it, and faces +x. Positions, headings and heights are in world.
+A world is a square in a fence, with level ground at height 0. The robot starts at the origin and
+faces +x. Positions, headings and heights are in world.
 """
 
 from __future__ import annotations
@@ -15,10 +15,6 @@ import numpy as np
 from husky_description.arrays import Array
 from husky_sim.ramp import Place, Ramp
 
-SIDE = 12.0
-"""Edge of the square within the fence [m]."""
-FIRST_X, LAST_X = -1.5, SIDE - 1.5
-"""Ends of the square along x; along y it reaches half a side to the left and to the right [m]."""
 DITCH_DEPTH = 0.6
 """Depth of every ditch [m]."""
 RIDGE_TURN = math.radians(5.0)
@@ -43,6 +39,29 @@ class GoalPose(NamedTuple):
     x: float
     y: float
     yaw: float
+
+
+@dataclass(frozen=True)
+class Square:
+    """Square within a fence; along y it reaches half a side to the left and to the right of start.
+
+    Attributes:
+        side: its edge [m].
+        behind: distance from the start to the edge behind it [m].
+    """
+
+    side: float
+    behind: float
+
+    @property
+    def first_x(self) -> float:
+        """Its end behind the start [m]."""
+        return -self.behind
+
+    @property
+    def last_x(self) -> float:
+        """Its end ahead of the start [m]."""
+        return self.side - self.behind
 
 
 @dataclass(frozen=True)
@@ -185,7 +204,9 @@ class ObstacleWorld:
         boxes: crates, walls and the fence.
         ditches: their openings, of yaw 0; they have upright sides.
         goal: of the robot.
-        barrier: True if walls from fence to fence leave no way to the goal but over a ridge.
+        barrier: True if walls or boxes from fence to fence leave no way to the goal on level
+            ground.
+        square: within the fence.
     """
 
     ridges: tuple[Ridge, ...]
@@ -193,6 +214,7 @@ class ObstacleWorld:
     ditches: tuple[Rectangle, ...]
     goal: GoalPose
     barrier: bool
+    square: Square
 
     @property
     def grounds(self) -> list[Rectangle]:

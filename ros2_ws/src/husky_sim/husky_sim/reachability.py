@@ -1,4 +1,4 @@
-"""Search for a way to the goal of a world of obstacles, on level ground and over its ridges."""
+"""Search for a way to the goal of a world of obstacles: on level ground, over ridges, in flight."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from husky_sim.obstacle_world import FIRST_X, LAST_X, SIDE, GroundPoint, ObstacleWorld
+from husky_sim.obstacle_world import GroundPoint, ObstacleWorld, Square
 
 ROBOT_LENGTH, ROBOT_WIDTH = 0.8, 0.5
 """Ground that the robot takes [m]."""
@@ -23,7 +23,10 @@ Mask = NDArray[np.bool_]
 
 
 def goal_is_reachable(
-    world: ObstacleWorld, climbing: bool = True, radius: float = ROBOT_RADIUS
+    world: ObstacleWorld,
+    climbing: bool = True,
+    radius: float = ROBOT_RADIUS,
+    flight_height: float = 0.0,
 ) -> bool:
     """Return True if a way leads from the start to the goal.
 
@@ -34,16 +37,21 @@ def goal_is_reachable(
         world: the obstacles and the goal.
         climbing: the robot climbs ridges; otherwise they are obstacles alone.
         radius: distance of the middle of the robot from every obstacle [m].
+        flight_height: height of boxes that the robot flies over [m]; 0 for a robot that only walks.
     """
-    free = _free_cells(world, radius)
+
+    def cell_of(point: GroundPoint) -> tuple[int, int]:
+        return _cell_of(point, world.square)
+
+    free = _free_cells(world, radius, flight_height)
     climbs = []
     if climbing:
         for ridge in world.ridges:
-            first, second = (_cell_of(end) for end in ridge.ends(radius + _CELL))
+            first, second = (cell_of(end) for end in ridge.ends(radius + _CELL))
             climbs += [(first, second), (second, first)]
     reached = np.zeros_like(free)
-    reached[_cell_of(GroundPoint(0.0, 0.0))] = True
-    goal = _cell_of(GroundPoint(world.goal.x, world.goal.y))
+    reached[cell_of(GroundPoint(0.0, 0.0))] = True
+    goal = cell_of(GroundPoint(world.goal.x, world.goal.y))
     while True:
         grown = _with_neighbours(reached)
         for here, there in climbs:
@@ -54,23 +62,26 @@ def goal_is_reachable(
         reached = grown
 
 
-def _free_cells(world: ObstacleWorld, radius: float) -> Mask:
-    """Return the cells whose middle has nothing within a radius [m]."""
-    count = round(SIDE / _CELL)
+def _free_cells(world: ObstacleWorld, radius: float, flight_height: float) -> Mask:
+    """Return the cells whose middle has nothing but boxes to fly over within a radius [m]."""
+    first_x, last_x, edge = world.square.first_x, world.square.last_x, world.square.side / 2
+    count = round(world.square.side / _CELL)
     x, y = np.meshgrid(
-        FIRST_X + (np.arange(count) + 0.5) * _CELL,
-        -SIDE / 2 + (np.arange(count) + 0.5) * _CELL,
+        first_x + (np.arange(count) + 0.5) * _CELL,
+        -edge + (np.arange(count) + 0.5) * _CELL,
         indexing="ij",
     )
-    free: Mask = (x - radius >= FIRST_X) & (x + radius <= LAST_X) & (np.abs(y) + radius <= SIDE / 2)
+    free: Mask = (x - radius >= first_x) & (x + radius <= last_x) & (np.abs(y) + radius <= edge)
+    flown_over = {box.ground for box in world.boxes if box.height <= flight_height}
     for ground in world.grounds:
-        free &= ground.distance_to(x, y) >= radius
+        if ground not in flown_over:
+            free &= ground.distance_to(x, y) >= radius
     return free
 
 
-def _cell_of(point: GroundPoint) -> tuple[int, int]:
+def _cell_of(point: GroundPoint, square: Square) -> tuple[int, int]:
     """Return row and column of the cell around a point."""
-    return int((point.x - FIRST_X) / _CELL), int((point.y + SIDE / 2) / _CELL)
+    return int((point.x - square.first_x) / _CELL), int((point.y + square.side / 2) / _CELL)
 
 
 def _with_neighbours(cells: Mask) -> Mask:

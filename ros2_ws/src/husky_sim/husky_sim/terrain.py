@@ -9,8 +9,9 @@ import numpy as np
 
 from husky_description.plain_mujoco import mujoco
 from husky_sim.gap import DEPTH, Gap
+from husky_sim.lab_world import lab_world
 from husky_sim.obstacle_solids import ground_boxes, obstacle_boxes
-from husky_sim.obstacle_world import DITCH_DEPTH
+from husky_sim.obstacle_world import DITCH_DEPTH, ObstacleWorld
 from husky_sim.ramp import Ramp, SurfacePoint
 from husky_sim.random_world import random_world
 from husky_sim.scene_grounds import (
@@ -268,7 +269,16 @@ def _banks(spec: mujoco.MjSpec, options: TerrainOptions, rng: np.random.Generato
 
 def _obstacles(spec: mujoco.MjSpec, options: TerrainOptions, rng: np.random.Generator) -> None:
     """A world of ridges, ditches, walls and crates in a fence; no measure of options changes it."""
-    world = random_world(rng)
+    _add_world(spec, random_world(rng))
+
+
+def _lab(spec: mujoco.MjSpec, options: TerrainOptions, rng: np.random.Generator) -> None:
+    """A world of wide boxes in a fence; no measure of options changes it."""
+    _add_world(spec, lab_world(rng))
+
+
+def _add_world(spec: mujoco.MjSpec, world: ObstacleWorld) -> None:
+    """Add the ground of a world, with its ditches, and all that stands on it."""
     _plane(spec, [1.0, 0.0, 0.0, 0.0], -DITCH_DEPTH)
     ground = ground_boxes(world)
     _add_boxes(spec, ground, material="ground")
@@ -304,6 +314,7 @@ KINDS_TABLE: dict[str, Builder] = {
     "mixed": _mixed,
     "banks": _banks,
     "obstacles": _obstacles,
+    "lab": _lab,
 }
 """Builder of each kind of ground: a new terrain is a function and a row here."""
 

@@ -11,13 +11,13 @@ from scipy import ndimage
 from scipy.spatial.distance import cdist
 
 from husky_description.robot import load_robot
+from husky_sim import lab_world as lab_drawing
 from husky_sim import random_world as drawing
 from husky_sim import terrain
+from husky_sim.lab_world import lab_world
+from husky_sim.obstacle_site import APART, fence
 from husky_sim.obstacle_world import (
     DITCH_DEPTH,
-    FIRST_X,
-    LAST_X,
-    SIDE,
     GoalPose,
     ObstacleWorld,
     Rectangle,
@@ -25,14 +25,17 @@ from husky_sim.obstacle_world import (
     UprightBox,
 )
 from husky_sim.ramp import Ramp
-from husky_sim.random_world import APART, APPROACH, fence, random_world
+from husky_sim.random_world import APPROACH, SQUARE, random_world
 from husky_sim.reachability import goal_is_reachable
 from husky_sim.scene import WorldOptions, build_scene
 from husky_sim.terrain import TerrainOptions
 
 SEEDS = range(50)
+LAB_SEEDS = range(24)
 CELL = 0.1
 """Edge of a cell of the raster on which ways are searched [m]."""
+ROBOT = math.hypot(0.4, 0.25) + 0.3
+"""Distance of the middle of a robot from obstacles from which it keeps 0.3 m while it turns [m]."""
 
 
 @functools.cache
@@ -41,22 +44,34 @@ def world_of(seed):
 
 
 @functools.cache
-def ground_of(seed):
+def lab_of(seed):
+    return lab_world(np.random.default_rng(seed))
+
+
+@functools.cache
+def ground_of(seed, kind="obstacles"):
     """Model and data of the ground alone, as the plant builds it."""
     spec = mujoco.MjSpec()
     for name in ("ground", "tile"):
         spec.add_material(name=name)
-    terrain.build(spec, TerrainOptions(kind="obstacles"), seed)
+    terrain.build(spec, TerrainOptions(kind=kind), seed)
     model = spec.compile()
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     return model, data
 
 
-def seen_height(seed, x, y):
+def seen_height(seed, x, y, kind="obstacles"):
     """Height of the ground at a point, by a ray down from 5 m [m]."""
     start, down = np.array((x, y, 5.0)), np.array((0.0, 0.0, -1.0))
-    return 5.0 - mujoco.mj_ray(*ground_of(seed), start, down, None, 1, -1, np.zeros(1, np.int32))
+    ground, hit = ground_of(seed, kind), np.zeros(1, np.int32)
+    return 5.0 - mujoco.mj_ray(*ground, start, down, None, 1, -1, hit)
+
+
+def places(square, count, rng):
+    """Places anywhere within the fence (count, 2) [m]."""
+    half = square.side / 2
+    return rng.uniform((square.first_x, -half), (square.last_x, half), (count, 2))
 
 
 def border(ground):
@@ -105,18 +120,19 @@ def test_ground_is_level_before_both_feet_of_a_ridge(seed):
             assert not world.height_at(*points).any()
 
 
-def ways(world, radius, climbing):
+def ways(world, radius, climbing, flight_height=1e-9):
     """Return True if a raster of heights joins start and goal, by SciPy's distances and labels."""
+    first_x, side = world.square.first_x, world.square.side
     x, y = np.meshgrid(
-        np.arange(FIRST_X + CELL / 2, LAST_X, CELL),
-        np.arange((CELL - SIDE) / 2, SIDE / 2, CELL),
+        np.arange(first_x + CELL / 2, world.square.last_x, CELL),
+        np.arange((CELL - side) / 2, side / 2, CELL),
         indexing="ij",
     )
-    level = np.pad(np.abs(world.height_at(x, y)) < 1e-9, 1)
+    level = np.pad(np.abs(world.height_at(x, y)) < flight_height, 1)
     labels, _ = ndimage.label(ndimage.distance_transform_edt(level) * CELL >= radius)
 
     def label(point):
-        return labels[int((point[0] - FIRST_X) / CELL) + 1, int((point[1] + SIDE / 2) / CELL) + 1]
+        return labels[int((point[0] - first_x) / CELL) + 1, int((point[1] + side / 2) / CELL) + 1]
 
     reached = {label((0.0, 0.0))}
     for _ in world.ridges if climbing else ():
@@ -128,10 +144,10 @@ def ways(world, radius, climbing):
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_a_way_leads_to_the_goal_over_a_ridge_where_a_barrier_is(seed):
-    """The robot keeps 0.3 m from obstacles while it turns; nothing passes a barrier."""
-    world, robot = world_of(seed), math.hypot(0.4, 0.25) + 0.3
-    assert ways(world, robot, climbing=True)
-    assert ways(world, robot, climbing=False) != world.barrier
+    """Nothing passes a barrier."""
+    world = world_of(seed)
+    assert ways(world, ROBOT, climbing=True)
+    assert ways(world, ROBOT, climbing=False) != world.barrier
     assert ways(world, 0.15, climbing=False) != world.barrier
 
 
@@ -149,11 +165,75 @@ def test_the_seed_alone_decides():
     assert random_world(np.random.default_rng(3)) == world_of(3) != world_of(4)
 
 
-def test_a_world_without_a_way_is_an_error(monkeypatch):
-    monkeypatch.setattr(drawing, "goal_is_reachable", lambda world, climbing: False)
-    monkeypatch.setattr(drawing, "_MOST_WORLDS", 2)
-    with pytest.raises(RuntimeError, match="none of 2 worlds of obstacles has a way to its goal"):
-        random_world(np.random.default_rng(0))
+@pytest.mark.parametrize(
+    ("module", "draw", "kind"),
+    [(drawing, random_world, "of obstacles"), (lab_drawing, lab_world, "of the lab")],
+)
+def test_a_world_without_a_way_is_an_error(module, draw, kind, monkeypatch):
+    monkeypatch.setattr(module, "goal_is_reachable", lambda world, **abilities: False)
+    monkeypatch.setattr(module, "_MOST_WORLDS", 2)
+    with pytest.raises(RuntimeError, match=f"none of 2 worlds {kind} has a way to its goal"):
+        draw(np.random.default_rng(0))
+
+
+# Random worlds of the lab -----------------------------------------------------------------------
+@pytest.mark.parametrize("seed", LAB_SEEDS)
+def test_boxes_of_the_lab_are_wide_and_stand_before_the_goal(seed):
+    """Their sizes, and their distance from the start and the goal."""
+    world = lab_of(seed)
+    square, sides, boxes = world.square, world.boxes[:4], world.boxes[4:]
+    assert (square.side, square.first_x, square.last_x) == (8.0, -1.0, 7.0)
+    assert not world.ridges and not world.ditches and len(boxes) in (3, 4)
+    assert {box.height for box in sides} == {0.6}
+    ends = np.array(((0.0, 0.0), world.goal[:2]))
+    for box in boxes:
+        assert 0.4 <= box.ground.length <= 0.8 and 2.0 <= box.ground.width <= 3.0
+        assert 0.25 <= box.height <= 1.75 and box.ground.x < world.goal.x
+        assert cdist(border(box.ground), ends).min() >= APART - 1e-9
+        assert (box.ground.distance_to(*ends.T) > 0.0).all()
+        assert (np.abs(border(box.ground) - (3.0, 0.0)) <= 4.0 - 0.075).all(), "within the fence"
+    assert 5.0 <= world.goal.x <= 5.7 and abs(world.goal.y) <= 2.7
+
+
+@pytest.mark.parametrize("seed", LAB_SEEDS)
+def test_boxes_of_the_lab_close_the_width_or_stand_apart(seed):
+    world = lab_of(seed)
+    grounds = [box.ground for box in world.boxes[4:]]
+    if not world.barrier:
+        for pair in itertools.combinations(grounds, 2):
+            assert cdist(*map(border, pair)).min() >= APART - 1e-9
+        return
+    right, left = (box.ground for box in world.boxes[2:4])
+    for first, second in itertools.pairwise([right, *grounds, left]):
+        assert 0.0 <= first.gap_to(second) < 0.3
+    assert all(first.gap_to(second) >= 0.0 for first, second in itertools.combinations(grounds, 2))
+    assert min(box.height for box in world.boxes[4:]) <= 1.2
+
+
+@pytest.mark.parametrize("seed", LAB_SEEDS)
+def test_a_way_of_the_lab_is_on_level_ground_or_in_flight(seed):
+    """Nothing that walks passes boxes side by side; a robot flies over those of at most 1.2 m."""
+    world = lab_of(seed)
+    assert ways(world, ROBOT, climbing=False) != world.barrier
+    # A gap of less than 0.3 m is at most 3 cells of the raster, whose middle is 0.2 m from both.
+    assert ways(world, 0.25, climbing=False) != world.barrier
+    assert ways(world, ROBOT, climbing=False, flight_height=1.2)
+
+
+def test_half_of_the_worlds_of_the_lab_are_closed_with_boxes_of_all_kinds():
+    worlds = [lab_of(seed) for seed in LAB_SEEDS]
+    assert 5 <= sum(world.barrier for world in worlds) <= 19  # 12 +- 3 standard deviations of 2.4
+    for closed in (False, True):
+        boxes = [world.boxes[4:] for world in worlds if world.barrier == closed]
+        assert {len(each) for each in boxes} == {3, 4}
+        heights = [box.height for each in boxes for box in each]
+        assert min(heights) < 0.5 and max(heights) > 1.5
+    depths = [len({box.ground.x for box in w.boxes[4:]}) for w in worlds if w.barrier]
+    assert min(depths) == 1 < max(depths), "in one line, and in two"
+
+
+def test_the_seed_alone_decides_a_world_of_the_lab():
+    assert lab_world(np.random.default_rng(3)) == lab_of(3) != lab_of(4)
 
 
 # Solids -----------------------------------------------------------------------------------------
@@ -161,7 +241,7 @@ def test_a_world_without_a_way_is_an_error(monkeypatch):
 def test_rays_find_the_heights_of_the_world(seed):
     """The plant builds the world that its seed draws."""
     world, rng = world_of(seed), np.random.default_rng(seed)
-    for x, y in rng.uniform((FIRST_X, -SIDE / 2), (LAST_X, SIDE / 2), (300, 2)):
+    for x, y in places(world.square, 300, rng):
         assert seen_height(seed, x, y) == pytest.approx(world.height_at(x, y), abs=1e-9), (x, y)
     for ridge in world.ridges:
         assert seen_height(seed, *ridge.ground.at(0.0, 0.0)) == pytest.approx(ridge.height)
@@ -170,6 +250,19 @@ def test_rays_find_the_heights_of_the_world(seed):
     for box in world.boxes:
         if box.ground not in barrier_walls(world):
             assert seen_height(seed, box.ground.x, box.ground.y) == pytest.approx(box.height)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_rays_find_the_boxes_of_the_lab(seed):
+    """The plant builds the world that its seed draws, within its fence and around it."""
+    world, rng = lab_of(seed), np.random.default_rng(seed)
+    for x, y in places(world.square, 200, rng):
+        assert seen_height(seed, x, y, "lab") == pytest.approx(world.height_at(x, y), abs=1e-9)
+    for box in world.boxes:
+        seen = seen_height(seed, box.ground.x, box.ground.y, "lab")
+        assert seen == pytest.approx(box.height, abs=1e-9)
+    for x, y in (-2.0, 0.0), (8.0, 0.0), (3.0, -5.0), (3.0, 5.0):
+        assert seen_height(seed, x, y, "lab") == pytest.approx(0.0, abs=1e-9)
 
 
 @pytest.mark.parametrize("seed", SEEDS[::5])
@@ -220,7 +313,8 @@ def test_a_robot_at_the_start_stands_on_level_ground(seed):
 
 # Reachability -----------------------------------------------------------------------------------
 def world_with(*boxes, ridges=()):
-    return ObstacleWorld(ridges, (*fence(), *boxes), (), GoalPose(9.0, 0.0, 0.0), bool(ridges))
+    goal, sides = GoalPose(9.0, 0.0, 0.0), fence(SQUARE)
+    return ObstacleWorld(ridges, (*sides, *boxes), (), goal, bool(ridges), SQUARE)
 
 
 def wall(y_start, y_end, x=4.5):
@@ -240,6 +334,18 @@ def test_a_ridge_leads_over_a_barrier_if_both_its_feet_are_free():
     assert goal_is_reachable(world_with(*walls, ridges=(ridge,)))
     assert not goal_is_reachable(world_with(*walls, ridges=(ridge,)), climbing=False)
     assert not goal_is_reachable(world_with(*walls, wall(-0.1, 0.1, x=7.1), ridges=(ridge,)))
+
+
+@pytest.mark.parametrize(
+    ("free", "flight_height", "passable"),
+    [(1.8, 1.0, True), (1.4, 1.0, False), (1.8, 0.99, False)],
+)
+def test_the_robot_flies_over_a_low_box_that_is_wide_enough(free, flight_height, passable):
+    """Over one of 1 m, between two of 1.5 m that leave so much of it free."""
+    high = (UprightBox(wall(*ends, x=4.8).ground, 1.5) for ends in ((-6.0, 0.0), (free, 6.0)))
+    world = world_with(wall(-6.0, 6.0), *high)
+    assert goal_is_reachable(world, flight_height=flight_height) == passable
+    assert not goal_is_reachable(world)
 
 
 @pytest.mark.parametrize(
