@@ -419,6 +419,28 @@ def test_around_a_strip_that_cannot_be_seen_it_goes() -> None:
     assert_at(robot, goal)
 
 
+def test_a_goal_around_which_too_little_was_seen_is_looked_at_first() -> None:
+    goal = PlanePose(2.0, 0.0, 0.0)
+
+    def height(x: Array, y: Array) -> Array:
+        return np.where(x < 2.3, 0.0, np.where(x < 3.3, np.nan, HIGH))
+
+    def seen_whole(x: Array, y: Array) -> Array:
+        return np.where(x < 3.3, 0.0, HIGH)
+
+    robot = ObedientRobot(grid_seen(height))
+    navigation = Navigation([goal], robot.plan)
+    robot.run_until(navigation, lambda: robot.pose.x > 1.0)
+    robot.grid = grid_seen(seen_whole)
+    robot.run(navigation)
+    assert navigation.outcome is Outcome.REACHED
+    assert_at(robot, goal)
+    robot = ObedientRobot(grid_seen(height))
+    navigation = robot.run(Navigation([goal], robot.plan))
+    assert navigation.outcome is Outcome.UNSEEN
+    assert robot.mode == "stand"
+
+
 def test_it_does_not_walk_by_an_old_map(flat: PlanningGrid) -> None:
     robot = ObedientRobot(flat)
     navigation = Navigation([PlanePose(4.0, 0.0, 0.0)], robot.plan)

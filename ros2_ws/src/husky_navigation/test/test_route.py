@@ -138,6 +138,22 @@ def test_unseen_ground_is_crossed_unless_a_way_around_is_worth_it(
     assert bool(widest > 0.6) is around
 
 
+def test_a_goal_beside_which_nothing_was_seen_is_gone_near_to() -> None:
+    """What is behind the seen ground may be an edge: the filled strip between is no ground."""
+
+    def height(x: Array, y: Array) -> Array:
+        return np.where(x < 2.3, 0.0, np.where(x < 3.3, np.nan, HIGH))
+
+    graph, goal = graph_of(grid_seen(height)), PlanePose(2.0, 0.0, 0.0)
+    found = find_route(graph, START, goal)
+    assert not found.is_whole
+    x, y = found.legs[-1].points[-1]
+    assert math.hypot(x - goal.x, y - goal.y) < 0.7
+    near_wall = graph_of(grid_seen(lambda x, y: np.where(x < 2.3, 0.0, HIGH)))
+    assert refusal(near_wall, START, goal) is Refusal.GOAL_OCCUPIED
+    assert find_route(graph_of(grid_seen(level)), START, goal).is_whole
+
+
 # Ridges ------------------------------------------------------------------------------------------
 def test_it_climbs_a_ridge_straight_up_and_straight_down(ridged: RouteGraph) -> None:
     found = find_route(ridged, BEFORE, BEHIND)

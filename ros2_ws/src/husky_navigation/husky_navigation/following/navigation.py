@@ -304,6 +304,9 @@ class Navigation:
 
     def _begin_leg(self, view: RobotView) -> None:
         leg = self.leg
+        if leg is None and self.route is not None and not self.route.is_whole:
+            self._look_at_goal(view, self.route)
+            return
         if leg is None:
             self.reached += 1
             if self.reached == len(self._goals):
@@ -313,6 +316,14 @@ class Navigation:
             return
         self._follower = follower_of(leg, PACES[leg.mode])
         self._enter(_Phase.CHANGE if leg.is_seen else _Phase.LOOK, view)
+
+    def _look_at_goal(self, view: RobotView, route: Route) -> None:
+        """Plan again from beside a goal around which too little was seen; else look around."""
+        if route.length > _PROGRESS:
+            self._enter(_Phase.PLAN, view)
+            self._begin_again(view)
+        else:
+            self._give_up(view, Outcome.UNSEEN)
 
     def _look(self, view: RobotView) -> Wish:
         """Wait for a map of what is ahead, then plan again."""
@@ -536,7 +547,7 @@ def _can_go_on(grid: PlanningGrid, leg: Leg, pose: PlanePose) -> bool:
 
 
 def _can_walk(grid: PlanningGrid, pose: PlanePose) -> bool:
-    """Return whether a robot can walk where it stands: on a crest its hind feet are on the slope."""
+    """Return whether a robot can walk where it is: on a crest its hind feet are on a slope."""
     cell = grid.lattice.index_of(pose.x, pose.y)
     return cell is not None and bool(grid.free[int(heading_of(pose.yaw)), *cell])
 

@@ -54,6 +54,15 @@ class PlanningGrid(NamedTuple):
         """Steepest rise over way [-]."""
         return np.hypot(self.slope_x, self.slope_y)
 
+    def is_taken(self, x: float, y: float, within: float) -> bool:
+        """Return whether something that was seen, within a distance of a place [m], is no ground to
+        walk on; a slope that leads to what was not seen may be none.
+        """
+        seen_around = ndimage.binary_erosion(self.known, np.ones((2 * _WIDE + 3,) * 2))
+        i, j = np.nonzero((self.rough & self.known) | (self.steep & seen_around))
+        xs, ys = self.lattice.cell_centers()
+        return bool((np.hypot(xs[i] - x, ys[j] - y) < within).any())
+
     def centre(self, cell: tuple[int, int]) -> tuple[float, float]:
         """Return the centre of a cell [i, j] in `map` [m]."""
         first, resolution = (self.lattice.x, self.lattice.y), self.lattice.resolution

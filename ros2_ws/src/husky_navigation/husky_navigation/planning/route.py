@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -31,8 +31,12 @@ _OFF_LANE, _SKEW = 0.4, 0.35
 """Distance from a lane [m] plus angle to it [rad] at which a robot still stands on it, and most of
 that angle.
 """
-_BESIDE = 4
-"""Cells to each side among which one is looked for that is free, of a robot near an obstacle."""
+_NEAR_GOAL = 0.5
+"""Distance within which an obstacle takes a goal, half the diagonal of the footprint [m]."""
+_BESIDE, _BESIDE_GOAL = 4, 8
+"""Cells to each side among which one is looked for that is free, of a robot near an obstacle, and
+of a goal near ground that was not seen.
+"""
 
 
 class PlanePose(NamedTuple):
@@ -101,9 +105,15 @@ class Leg:
 
 @dataclass(frozen=True)
 class Route:
-    """Legs one after the other."""
+    """Legs one after the other.
+
+    Attributes:
+        legs: in order.
+        is_whole: the last one ends at the goal, not beside it.
+    """
 
     legs: tuple[Leg, ...]
+    is_whole: bool = True
 
     @property
     def time(self) -> float:
@@ -129,6 +139,8 @@ class Route:
 def find_route(graph: RouteGraph, start: PlanePose, goal: PlanePose) -> Route:
     """Return the cheapest route; its first point and its last are start and goal themselves.
 
+    Where only ground that was not seen speaks against the goal, the route ends beside it.
+
     Raises:
         RouteError: there is none; says why.
         ValueError: a pose is not finite.
@@ -143,27 +155,28 @@ def find_route(graph: RouteGraph, start: PlanePose, goal: PlanePose) -> Route:
         raise RouteError(Refusal.START_OUTSIDE)
     if last is None:
         raise RouteError(Refusal.GOAL_OUTSIDE)
-    begin, end = _free_beside(grid, start, first), (int(heading_of(goal.yaw)), *last)
+    begin, end = _free_beside(grid, start, first, _BESIDE), (int(heading_of(goal.yaw)), *last)
     fits = bool(grid.free[int(heading_of(start.yaw)), *first])
     is_climbing = begin is None or grid.slope[first] > _SLOPE or not fits
     off = _off_slope(graph, start) if is_climbing else None
     if off is None and begin is None:
         raise RouteError(Refusal.START_OCCUPIED)
-    if not grid.free[end]:
-        raise RouteError(Refusal.GOAL_OCCUPIED)
+    is_whole = bool(grid.free[end])
+    if not is_whole:
+        end, goal = _beside_goal(grid, goal, last)
     if off is not None:
         x, y = off.points[-1]
         try:
             after = find_route(graph, PlanePose(float(x), float(y), off.yaw), goal)
         except RouteError as error:
             raise RouteError(error.refusal, Route((off,))) from error
-        return Route((off, *after.legs))
+        return Route((off, *after.legs), is_whole)
     assert begin is not None
     try:
         steps = graph.search(begin, end)
     except NoRouteError as error:
         raise RouteError(Refusal.NO_WAY) from error
-    return _Builder(graph, start, goal).route(steps)
+    return replace(_Builder(graph, start, goal).route(steps), is_whole=is_whole)
 
 
 def _off_slope(graph: RouteGraph, start: PlanePose) -> Leg | None:
@@ -197,9 +210,7 @@ def _off_slope(graph: RouteGraph, start: PlanePose) -> Leg | None:
     return Leg(CLIMB, points, yaw, time, energy, downwards=down)
 
 
-def walk_leg(
-    points: Array, yaw: float, yaw_at_end: float, costs: TravelCosts, speed: float
-) -> Leg:
+def walk_leg(points: Array, yaw: float, yaw_at_end: float, costs: TravelCosts, speed: float) -> Leg:
     """Return a leg of a walk, with the cost of its way and of its turns.
 
     Args:
@@ -223,11 +234,35 @@ def walk_leg(
     return Leg(WALK, points, yaw_at_end, time, energy)
 
 
-def _free_beside(grid: PlanningGrid, pose: PlanePose, cell: tuple[int, int]) -> Node | None:
-    """Return the free node next to a pose, of its heading if one is near, None where none is."""
+def _beside_goal(
+    grid: PlanningGrid, goal: PlanePose, cell: tuple[int, int]
+) -> tuple[Node, PlanePose]:
+    """Return the free node and its pose beside a goal near which only unseen ground is none to walk
+    on; raises RouteError if an obstacle was seen there.
+    """
+    taken = grid.is_taken(goal.x, goal.y, _NEAR_GOAL)
+    beside = None if taken else _free_beside(grid, goal, cell, _BESIDE_GOAL)
+    if beside is None:
+        raise RouteError(Refusal.GOAL_OCCUPIED)
+    heading, i, j = beside
+    yaw = math.remainder(heading * 2.0 * math.pi / HEADINGS, 2.0 * math.pi)
+    return beside, PlanePose(*grid.centre((i, j)), yaw)
+
+
+def _free_beside(
+    grid: PlanningGrid, pose: PlanePose, cell: tuple[int, int], reach: int
+) -> Node | None:
+    """Return the free node next to a pose, of its heading if one is near, None where none is.
+
+    Args:
+        grid: the ground.
+        pose: somewhere.
+        cell: of that.
+        reach: cells to each side among which a free one is looked for.
+    """
     own = int(heading_of(pose.yaw))
     n = grid.lattice.cells
-    i, j = (range(max(0, k - _BESIDE), min(n, k + _BESIDE + 1)) for k in cell)
+    i, j = (range(max(0, k - reach), min(n, k + reach + 1)) for k in cell)
     nearby = grid.free[:, i.start : i.stop, j.start : j.stop]
     turn = (np.arange(HEADINGS) - own + HEADINGS // 2) % HEADINGS - HEADINGS // 2
     away = np.hypot(np.array(i)[:, None] - cell[0], np.array(j)[None, :] - cell[1])
