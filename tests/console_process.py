@@ -49,10 +49,10 @@ class ConsoleBench(ServedBench):
         self.wait(lambda: client.state or client.closed, "a word to an operator")
         return client
 
-    def move(self, x: float, frame: str = "body") -> None:
+    def move(self, x: float, frame: str = "body", parent: str = graph.FRAME_ODOM) -> None:
         """Move the robot, or have another frame."""
         moved = TransformStamped(child_frame_id=frame)
-        moved.header.frame_id = graph.FRAME_ODOM
+        moved.header.frame_id = parent
         moved.transform.translation.x = x
         self.transforms.publish(TFMessage(transforms=[moved]))
 

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import contextlib
+from collections.abc import Callable, Iterator
 from typing import Any
 
-from geometry_msgs.msg import Twist
+from action_msgs.msg import GoalInfo
+from action_msgs.srv import CancelGoal
+from geometry_msgs.msg import PoseStamped, Twist
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
@@ -45,6 +48,7 @@ class NotingRobot:
 
     def __init__(self, node: Node):
         """Offer all that a robot offers, through a node."""
+        self._node = node
         self.calls: list[str] = []
         self.velocities: list[tuple[float, float, float]] = []
         self.state = ControllerState(mode="passive", gait="trot", velocity_limit=(1.6, 0.3, 0.8))
@@ -74,6 +78,33 @@ class NotingRobot:
         self._table = make(ModeTable, graph.MODE_TABLE, qos.LATCHED)
         self._table.publish(ModeTable(modes=modes, gaits=["trot", "crawl"]))
         node.create_timer(0.02, self._report)
+
+    @contextlib.contextmanager
+    def navigator(self) -> Iterator[list[PoseStamped]]:
+        """Have a navigator meanwhile, with a goal that can be cancelled once.
+
+        Yields:
+            The goals that come by topic.
+        """
+        goals: list[PoseStamped] = []
+        cancelable = [GoalInfo()]
+
+        def cancel(request: Any, response: Any) -> Any:
+            self.calls.append("cancel")
+            assert request == CancelGoal.Request()  # all of them
+            response.goals_canceling = [cancelable.pop()] if cancelable else []
+            return response
+
+        name = f"{graph.NAVIGATE_TO_POSE}/_action/cancel_goal"
+        service = self._node.create_service(CancelGoal, name, cancel)
+        ear = self._node.create_subscription(
+            PoseStamped, graph.GOAL_POSE, goals.append, qos.COMMAND
+        )
+        try:
+            yield goals
+        finally:
+            self._node.destroy_service(service)
+            self._node.destroy_subscription(ear)
 
     def _report(self) -> None:
         self.states.publish(self.state)

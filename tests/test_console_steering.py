@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import threading
 import urllib.error
 import urllib.request
@@ -298,6 +299,54 @@ def test_an_emergency_stop_bars_who_still_holds(console: SteeredBench) -> None:
         console.wait(lambda: set(console.robot.calls) >= STOPPED, "the stop of both")
         console.follows(ZERO)
         console.is_left_alone()
+
+
+# Goals -----------------------------------------------------------------------------------------
+def test_a_click_on_the_ground_is_a_goal_and_is_ended(console: SteeredBench) -> None:
+    """By an operator, with another's picture beside; and told to him where nobody takes it."""
+    page, operator, robot = console.client(), console.operator(), console.robot
+
+    def click() -> None:
+        """Press the button, then click until the console listens to the picture."""
+        operator.ask("navigation", "go to")
+        console.wait(lambda: operator.state["picks"], "that his click is waited for")
+        console.wait(lambda: not operator.state["picks"], "the end of that", say_both)
+
+    def say_both() -> None:
+        page.say(
+            type="ScenePointerMessage",
+            event_type="click",
+            ray_origin=(1.0, 2.0, 3.0),
+            ray_direction=(0.0, 0.0, -1.0),
+            screen_pos=((0.5, 0.5),),
+            modifier=None,
+        )
+        operator.ask("navigation", "click")
+
+    def click_in_map() -> None:
+        for frame, child in (("map", graph.FRAME_ODOM), (graph.FRAME_ODOM, graph.FRAME_BASE)):
+            console.move(0.0, child, frame)
+        click()
+
+    def hears(said: str) -> None:
+        console.wait(lambda: operator.state["said"] == said, said)
+
+    click()
+    hears("go to: there is no navigator")
+    operator.ask("navigation", "stop going")
+    hears("stop going: there is no navigator")
+    with robot.navigator() as goals:
+        no_map = "go to: there is no transform from odom to map"
+        console.wait(lambda: operator.state["said"] == no_map, no_map, click)
+        console.wait(lambda: goals, "a goal", click_in_map)
+        place, turn = goals[0].pose.position, goals[0].pose.orientation
+        assert goals[0].header.frame_id == "map" and (place.x, place.y) == (1.0, 2.0)
+        assert 2.0 * math.atan2(turn.z, turn.w) == pytest.approx(math.atan2(2.0, 1.0))
+        hears("going to 1.00, 2.00 m in map, heading 63 deg ...")
+        for said in ("stop going: done", "stop going: no action is under way"):
+            operator.ask("navigation", "stop going")
+            hears(said)
+        assert robot.calls == ["cancel", "cancel"]
 
 
 # Nobody brings it down --------------------------------------------------------------------------

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from action_msgs.msg import GoalStatus
+from action_msgs.srv import CancelGoal
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Twist
 from grid_map_msgs.msg import GridMap
 from lifecycle_msgs.msg import State
@@ -345,6 +346,20 @@ def test_another_goal_replaces_the_one_before(robot):
     robot.go_on_until(lambda: robot.states[-1].outcome, "an end")
     assert robot.states[-1].outcome == "the goal is reached"
     assert_at(robot, x, y + 0.5, 1.5)
+
+
+def test_a_goal_by_topic_is_cancelled_with_those_of_the_action(robot):
+    cancel = robot.node.create_client(CancelGoal, f"{graph.NAVIGATE_TO_POSE}/_action/cancel_goal")
+    robot.wait(cancel.service_is_ready, "the service")
+    x, y, _ = robot.pose
+    robot._publishers[PoseStamped].publish(goal_at(x, y - 1.0, 1.5))
+    robot.go_on_until(lambda: robot.mode == "walk", "a walk")
+    answer = cancel.call_async(CancelGoal.Request())
+    robot.wait(answer.done, "an answer")
+    assert len(answer.result().goals_canceling) == 1
+    robot.go_on_until(lambda: robot.states[-1].outcome, "an end")
+    assert robot.states[-1].outcome == "cancelled"
+    assert robot.mode == "stand"
 
 
 def test_a_robot_that_has_no_pose_any_more_is_stopped(robot):

@@ -37,8 +37,9 @@ _WHILE_ASKED: Mapping[str, Table] = {
     ],
     graph.CONSOLE: [
         ("publishes", "velocities that operators hold, on `/cmd_vel`", ""),
+        ("publishes", "goals that operators click, on `/goal_pose`", ""),
         ("subscribes to", "what the page shows", ""),
-        ("calls service", "those of modes, gaits, drives, fans and parameters", ""),
+        ("calls service", "those of modes, gaits, drives, fans, parameters and navigation", ""),
     ],
 }
 """Interfaces of nodes that are not in the graph before a client asks for them."""
@@ -144,7 +145,12 @@ def _interface(node: Interface) -> Table:
     if node.name in _WHILE_ASKED:
         return [("", "name", BY_HAND), *_WHILE_ASKED[node.name]]
     rows = [
-        ("offers action" if "/action/" in kind else verb, _code(name), _code(kind), "")
+        (
+            verb.replace("service", "action") if "/action/" in kind else verb,
+            _code(name),
+            _code(kind),
+            "",
+        )
         for verb, found in (
             ("publishes", node.publishes),
             ("subscribes to", node.subscribes),

@@ -23,6 +23,7 @@ CORNERS = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 1.0, 0.0), (1.0, 1.0, 1.0), (
 TURNED = [(1.0, 2.0, 3.0), (1.0, 3.0, 3.0), (0.0, 3.0, 3.0), (0.0, 3.0, 4.0)]
 """The corners but the last, turned by a quarter and moved to `AT`."""
 ARROW, CUBE, BALL, BALLS = Marker.ARROW, Marker.CUBE, Marker.SPHERE, Marker.SPHERE_LIST
+TEXT = Marker.TEXT_VIEW_FACING
 STRIP, PAIRS, CUBES, ROD = Marker.LINE_STRIP, Marker.LINE_LIST, Marker.CUBE_LIST, Marker.CYLINDER
 Points = Sequence[tuple[float, float, float]]
 
@@ -54,6 +55,7 @@ def marker(kind: int, number: int = 0, ns: str = "n", points: Points = (), **mor
     place, turn, colour = made.pose.position, made.pose.orientation, made.color
     place.x, place.y, place.z = more.get("at", (0.0, 0.0, 0.0))
     turn.x, turn.y, turn.z, turn.w = more.get("turn", (0.0, 0.0, 0.0, 1.0))
+    made.text = more.get("text", "")
     colour.r, colour.g, colour.b, colour.a = more.get("colour", (1.0, 0.2, 0.0, 1.0))
     made.header.stamp.sec, made.lifetime.sec = more.get("stamp", 0), more.get("lifetime", 0)
     return made
@@ -127,6 +129,33 @@ def test_solids_are_where_pose_and_points_have_them(page: Page, kind: int, famil
     close(solids.batched_scales, [flat] * count)
     assert solids.batched_colors.tolist() == [[255, 51, 0]] * count and solids.visible
     close((solids.vertices.min(0), solids.vertices.max(0)), [[-0.5] * 3, [0.5] * 3])  # unscaled
+
+
+def test_a_text_has_its_place_and_height(page: Page) -> None:
+    page.of(marker(TEXT, at=AT, turn=QUARTER, scale=(0.0, 0.0, 0.15), text="walk 1.4 kJ" * 50))
+    label = page["texts_n/0"]
+    close(label.position, AT)
+    assert label.text == ("walk 1.4 kJ" * 50)[:100] and label.font_scene_height == 0.15
+    assert (label.font_size_mode, label.anchor) == ("scene", "center-center")
+
+
+def test_texts_change_and_go_as_other_markers_do(page: Page) -> None:
+    """Those of a route: a new one takes the place of all of the last."""
+    labels = [marker(TEXT, number, text=str(number)) for number in range(3)]
+    page.of(*labels, marker(STRIP, 3, points=CORNERS[:2]))
+    assert [page[f"texts_n/{n}"].text for n in range(3)] == ["0", "1", "2"]
+    first = page["texts_n/0"]
+    page.of(marker(TEXT, 0, text="new", at=AT))
+    assert page["texts_n/0"] is first and first.text == "new"
+    close(first.position, AT)
+    page.show("n", False)
+    page.draw(0.0)
+    assert not page.sees("texts_n")
+    page.show("n", True)
+    page.of(Marker(action=Marker.DELETEALL), labels[1])
+    assert page.sees("texts_n") and page["texts_n/0"].text == "1" and page["texts_n/1"] is None
+    page.of(Marker(action=Marker.DELETEALL))
+    assert page["texts_n"] is None and page["texts_n/0"] is None and page.frames() == set()
 
 
 def test_a_namespace_in_another_frame_is_drawn_there(server: PageServer, page: Page) -> None:
@@ -249,7 +278,7 @@ def test_a_namespace_is_hidden_and_shown_again_as_it_is_by_then(page: Page) -> N
 
 
 # What is not drawn --------------------------------------------------------------------------------
-@pytest.mark.parametrize("kind", [Marker.TEXT_VIEW_FACING, Marker.POINTS, Marker.MESH_RESOURCE, -1])
+@pytest.mark.parametrize("kind", [Marker.POINTS, Marker.TRIANGLE_LIST, Marker.MESH_RESOURCE, -1])
 def test_a_kind_that_is_not_drawn_is_told_and_the_others_are_drawn(page: Page, kind: int) -> None:
     page.of(marker(kind, 0), cube(1))
     assert page.skipped == {f"markers of type {kind}"} and page.sees("boxes_n")

@@ -9,7 +9,7 @@ import pytest
 from builtin_interfaces.msg import Time
 from console_bench import grid_map
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import TransformStamped
+from geometry_msgs.msg import Point, TransformStamped
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import BatteryState, JointState
 from std_msgs.msg import String
@@ -21,7 +21,13 @@ from husky_bringup.console.page import _SLOWER, PARAMETER_EVENTS, SOURCES, Page
 from husky_bringup.console.server import PageServer
 from husky_description.robot import ROBOTS, load_robot
 from husky_description.urdf import build_urdf
-from husky_msgs.msg import ControllerState, DriveStatus, DriveStatusArray, PropulsionState
+from husky_msgs.msg import (
+    ControllerState,
+    DriveStatus,
+    DriveStatusArray,
+    NavigatorState,
+    PropulsionState,
+)
 from husky_runtime import graph
 
 
@@ -126,6 +132,47 @@ def test_drives_in_words(page: Seen) -> None:
         page.tell(graph.DRIVES_STATUS, message)
         page.show(1.0)
         assert page.facts()["joints"] == word and page.facts()["error"] == "knee: too hot"
+
+
+def test_the_navigator_in_words(page: Seen) -> None:
+    """Nothing of a robot that has none; and no way that is left where it goes nowhere."""
+    page.show(1.0)
+    assert list(page.facts()) == ["time"]
+    told = NavigatorState(phase="following", leg="climb", goals_left=1, refusal="wair: no fans")
+    told.distance_left, told.time_left, told.energy_left = 3.25, 12.4, 1449.0
+    page.tell(graph.NAVIGATOR_STATE, told)
+    page.show(1.0)
+    facts = page.facts()
+    assert facts["navigator"] == "following, climb" and facts["way left"] == "3.2 m, 12 s, 1.4 kJ"
+    assert facts["refused to it"] == "wair: no fans" and "last navigation" not in facts
+    page.tell(graph.NAVIGATOR_STATE, NavigatorState(phase="idle", outcome="the goal is reached"))
+    page.show(1.0)
+    facts = page.facts()
+    assert facts["navigator"] == "idle" and facts["last navigation"] == "the goal is reached"
+    assert not {"way left", "refused to it"} & set(facts)
+
+
+def test_a_route_takes_the_place_of_the_last_and_of_nothing_else(page: Seen) -> None:
+    """As the navigator tells it; it has a switch of its own."""
+    clear = Marker(action=Marker.DELETEALL, ns="route")
+    line = Marker(type=Marker.LINE_STRIP, ns="route", points=[Point(), Point(x=1.0)])
+    text = Marker(type=Marker.TEXT_VIEW_FACING, ns="route", id=1, text="walk 0.1 kJ")
+    force = Marker(type=Marker.ARROW, ns="force")
+    for each in (line, text, force):
+        each.header.frame_id, each.color.a, each.scale.x = "map", 1.0, 0.1
+    page.tell(graph.MARKERS, MarkerArray(markers=[force]))
+    page.tell(graph.ROUTE, MarkerArray(markers=[clear, line, text]))
+    page.show(1.0)
+    names = [f"/scene/map/route/{what}_route" for what in ("lines", "texts")]
+    handles = [page._server.scene.get_handle_by_name(name) for name in names]
+    assert all(each is not None and each.visible for each in handles)
+    page._scene._layers["route"].value = False
+    page.show(1.0)
+    assert not any(each is not None and each.visible for each in handles)
+    page.tell(graph.ROUTE, MarkerArray(markers=[clear]))
+    page.show(1.0)
+    assert page._scene._route.namespaces() == [] and page.skipped == []
+    assert page._scene._drawings.namespaces() == ["force"]
 
 
 def test_attitude_in_degrees(page: Seen) -> None:

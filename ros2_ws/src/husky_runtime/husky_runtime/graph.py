@@ -236,7 +236,7 @@ TOPICS = (
     Topic(PLAN, "nav_msgs/msg/Path", (NAVIGATOR,), "LATCHED", 0.0),
     Topic(ROUTE, "visualization_msgs/msg/MarkerArray", (NAVIGATOR,), "LATCHED", 0.0),
     Topic(COST_MAP, "nav_msgs/msg/OccupancyGrid", (NAVIGATOR,), "LATCHED", 0.0),
-    Topic(GOAL_POSE, "geometry_msgs/msg/PoseStamped", (), "COMMAND", 0.0),
+    Topic(GOAL_POSE, "geometry_msgs/msg/PoseStamped", (CONSOLE,), "COMMAND", 0.0),
     Topic(SIMPLE_GOAL, "geometry_msgs/msg/PoseStamped", (), "COMMAND", 0.0),
     Topic(ROBOT_DESCRIPTION, "std_msgs/msg/String", JOINT_BRIDGES, "LATCHED", 0.0),
     Topic(

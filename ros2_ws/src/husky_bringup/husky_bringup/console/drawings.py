@@ -1,13 +1,13 @@
 """Markers of `visualization_msgs` in a scene: whatever nodes draw, without knowing what it is.
 
 All markers of one namespace in one frame that are of one family (arrows, lines, solids) become one
-object of the scene, so that a ground of four hundred tiles costs as much as one.
+object of the scene, so that a ground of four hundred tiles costs as much as one. Texts stay apart.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 from urllib.parse import quote
@@ -24,6 +24,8 @@ from husky_description.triangles import triangulate
 
 _HEAD = 1.3
 """Length of an arrow's head that says none, in its diameters."""
+_LONGEST = 100
+"""Letters of a text; what follows is not drawn."""
 
 _MOST_GROUPS, _MOST_MARKERS = 200, 5000
 """Groups, and markers in one of them; more are not drawn."""
@@ -116,6 +118,17 @@ class Drawings:
                 if drawing.handle is not None:
                     drawing.handle.remove()
                 del self._drawings[group]
+
+    def solids(self) -> Iterator[tuple[str, Array]]:
+        """Yield frame and triangles [m] (n, 3, 3) of each group of solids that is seen."""
+        for (frame, _, family), drawing in self._drawings.items():
+            solids = drawing.handle
+            if family in _SOLIDS and solids is not None and solids.visible:
+                w, *xyz = solids.batched_wxyzs.T
+                turns = Rotation.from_quat(np.stack((*xyz, w), axis=1)).as_matrix()
+                unit = solids.vertices[solids.faces].reshape(-1, 3)
+                turned = np.einsum("nij,nkj->nki", turns, solids.batched_scales[:, None] * unit)
+                yield frame, (turned + solids.batched_positions[:, None]).reshape(-1, 3, 3)
 
     def _of(self, namespace: str) -> list[tuple[Group, _Drawing]]:
         return [(group, each) for group, each in self._drawings.items() if group[1] == namespace]
@@ -232,6 +245,61 @@ def _add_lines(scene: SceneApi, path: str, arrays: Arrays, thickness: float) -> 
     return scene.add_line_segments(path, **arrays, thickness=thickness)
 
 
+_Label = tuple[str, Array]
+"""A text, and its place in the frame [m]."""
+
+
+class _Labels:
+    """Texts below one object of the scene, with which they are shown, hidden and removed."""
+
+    def __init__(self, scene: SceneApi, path: str, arrays: Arrays, height: float):
+        """Draw texts of a height [m]."""
+        before = scene.get_handle_by_name(path)
+        if before is not None:
+            before.remove()
+        self._root = scene.add_frame(path, show_axes=False)
+        self._labels = [
+            scene.add_label(
+                f"{path}/{number}",
+                text,
+                position=place,
+                font_size_mode="scene",
+                font_scene_height=height,
+                anchor="center-center",
+            )
+            for number, (text, place) in enumerate(arrays["labels"])
+        ]
+
+    @property
+    def visible(self) -> bool:
+        """Whether they are seen."""
+        return bool(self._root.visible)
+
+    @visible.setter
+    def visible(self, visible: bool) -> None:
+        self._root.visible = visible
+
+    @property
+    def labels(self) -> list[_Label]:
+        """Texts and places; there may be as many others in their place."""
+        return [(label.text, label.position) for label in self._labels]
+
+    @labels.setter
+    def labels(self, labels: Sequence[_Label]) -> None:
+        for label, (text, place) in zip(self._labels, labels, strict=True):
+            label.text, label.position = text, place
+
+    def remove(self) -> None:
+        """Remove them."""
+        self._root.remove()
+
+
+def _texts(markers: Sequence[Marker]) -> Arrays:
+    places = [_placed(marker, np.zeros((1, 3)))[0] for marker in markers]
+    texts = [marker.text[:_LONGEST] for marker in markers]
+    return {"labels": list(zip(texts, places, strict=True))}
+
+
 def _solids(markers: Sequence[Marker]) -> Arrays:
     parts = [_placed(m, _points(m) if m.type in _LISTS else np.zeros((1, 3))) for m in markers]
     each = [marker for marker, part in zip(markers, parts, strict=True) for _ in part]
@@ -262,7 +330,9 @@ _FAMILIES = {
     "boxes": _solid_family(Shape("box", (1.0, 1.0, 1.0), ORIGIN, ORIGIN, "")),
     "balls": _solid_family(Shape("sphere", (0.5,), ORIGIN, ORIGIN, "")),
     "cylinders": _solid_family(Shape("cylinder", (0.5, 1.0), ORIGIN, ORIGIN, "")),
+    "texts": _Family(_texts, lambda marker: (marker.scale.z,), _Labels),
 }
+_SOLIDS = ("boxes", "balls", "cylinders")
 _FAMILY_OF = {
     Marker.ARROW: "arrows",
     Marker.LINE_STRIP: "lines",
@@ -272,6 +342,7 @@ _FAMILY_OF = {
     Marker.SPHERE: "balls",
     Marker.SPHERE_LIST: "balls",
     Marker.CYLINDER: "cylinders",
+    Marker.TEXT_VIEW_FACING: "texts",
 }
 _LISTS = (Marker.CUBE_LIST, Marker.SPHERE_LIST)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -94,6 +94,12 @@ class ElevationDrawing:
     def clear(self) -> None:
         """Forget the map."""
         self._cells, self._changed = None, True
+
+    def surfaces(self) -> Iterator[tuple[str, Array]]:
+        """Yield the map's frame and triangles [m] (n, 3, 3) for each colour that is seen."""
+        for handle in self._handles.values():
+            if handle.visible:
+                yield self.frame, handle.vertices[handle.faces]
 
     def draw(self) -> None:
         """Bring the scene up to date."""

@@ -20,6 +20,7 @@ from websockets.asyncio.server import Server, ServerConnection, serve
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
+from husky_bringup.console.clicked_goals import NAVIGATION, ClickedGoals
 from husky_bringup.console.operators import Ask, Operator, Operators, read_word
 from husky_bringup.teleop_mapping import ACTION_KEYS, MOTION_KEYS
 
@@ -57,6 +58,7 @@ class OperatorServer:
         port: that it listens on, on this machine.
         robot: what each of them is told of the robot, as JSON; whoever knows it may set it.
         refused: words that were none.
+        goals: that operators click on the ground; None for a robot that takes none.
     """
 
     def __init__(self, operators: Operators, ask: Callable[[Operator, Ask, float], None]):
@@ -69,6 +71,7 @@ class OperatorServer:
         self._operators, self._ask = operators, ask
         self.robot = b"{}"
         self.refused = 0
+        self.goals: ClickedGoals | None = None
         website = files(__package__) / "website"
         self._pages = {
             path: ((website / name).read_text("utf-8"), f"{kind}; charset=utf-8")
@@ -139,10 +142,17 @@ class OperatorServer:
     def _take(self, operator: Operator, data: str | bytes) -> None:
         word, now = read_word(data), time.monotonic()
         if isinstance(word, Ask):
-            self._ask(operator, word, self._operators.age(operator, word.beat, now))
+            self._pass_on(operator, word, self._operators.age(operator, word.beat, now))
             return
         for action in self._operators.hold(operator, word, now):
-            self._ask(operator, Ask("action", action.value), operator.delay)
+            self._pass_on(operator, Ask("action", action.value), operator.delay)
+
+    def _pass_on(self, operator: Operator, ask: Ask, age: float) -> None:
+        """Have something done; it may be a stop, so the goals come after it."""
+        if ask.what != NAVIGATION or self.goals is None:
+            self._ask(operator, ask, age)
+        if self.goals is not None:
+            self.goals.hear(operator, ask, age)
 
     async def _tell(self, connection: ServerConnection, operator: Operator) -> None:
         """Tell a browser what keys mean, then again and again how things stand."""
@@ -159,6 +169,7 @@ class OperatorServer:
                     "said": outcome.text,
                     "refused": outcome.refused,
                     "at": outcome.time,
+                    "picks": self.goals is not None and self.goals.picker is operator,
                     "robot": msgspec.Raw(self.robot),
                 }
                 await connection.send(msgspec.json.encode(state).decode())

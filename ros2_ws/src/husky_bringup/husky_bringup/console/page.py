@@ -18,13 +18,21 @@ from viser import ViserServer
 
 from husky_bringup.console.description import Description, read_description
 from husky_bringup.console.drawings import seconds
-from husky_bringup.console.panels import Facts, Reports, drives_in_words, fans_in_words
+from husky_bringup.console.frame_tree import Pose
+from husky_bringup.console.panels import (
+    Facts,
+    Reports,
+    drives_in_words,
+    fans_in_words,
+    navigation_in_words,
+)
 from husky_bringup.console.parameter_panel import ParameterPanel, ParameterSource
 from husky_bringup.console.plots import Plot
 from husky_bringup.console.scene import Scene
 from husky_bringup.robot_state import SILENT
+from husky_description.arrays import Array
 from husky_description.rotation import to_roll_pitch_yaw
-from husky_msgs.msg import ControllerState, DriveStatusArray, PropulsionState
+from husky_msgs.msg import ControllerState, DriveStatusArray, NavigatorState, PropulsionState
 from husky_runtime import graph
 
 PARAMETER_EVENTS = "/parameter_events"
@@ -138,6 +146,10 @@ class Page:
         for plot in self._plots.values():
             plot.clear()
 
+    def pick(self, origin: Array, direction: Array) -> Pose:
+        """Return the goal that a ray of the picture hits; raises ValueError, as `Scene.pick`."""
+        return self._scene.pick(origin, direction)
+
     def close(self) -> None:
         """Ask the robot nothing any more."""
         if self._parameters is not None:
@@ -206,12 +218,16 @@ class Page:
         charge = f", {100.0 * message.percentage:.0f} %" if message.percentage >= 0.0 else ""
         self._facts.tell(graph.BATTERY, [("battery", f"{message.voltage:.1f} V{charge}")])
 
+    def _on_navigator(self, message: NavigatorState) -> None:
+        self._facts.tell(graph.NAVIGATOR_STATE, navigation_in_words(message))
+
 
 _FACTS = (
     graph.CONTROLLER_STATE,
     graph.DRIVES_STATUS,
     graph.PROPULSION_STATE,
     graph.BATTERY,
+    graph.NAVIGATOR_STATE,
     graph.CLOCK,
 )
 _BRAND = (176, 32, 48)
@@ -226,6 +242,7 @@ _TAKERS: dict[str, Callable[[Page, Any], None]] = {
     graph.TF: lambda page, message: page._scene.take_transforms(message),
     graph.TERRAIN: lambda page, message: page._scene.take_ground(message),
     graph.MARKERS: lambda page, message: page._scene.take_markers(message),
+    graph.ROUTE: lambda page, message: page._scene.take_route(message),
     graph.ELEVATION_MAP: lambda page, message: page._scene.take_map(message),
     graph.CONTROLLER_STATE: Page._on_controller,
     graph.ODOM: Page._on_odometry,
@@ -233,6 +250,7 @@ _TAKERS: dict[str, Callable[[Page, Any], None]] = {
     graph.DRIVES_STATUS: Page._on_drives,
     graph.PROPULSION_STATE: Page._on_propulsion,
     graph.BATTERY: Page._on_battery,
+    graph.NAVIGATOR_STATE: Page._on_navigator,
 }
 SOURCES = (*_TAKERS, graph.DIAGNOSTICS, PARAMETER_EVENTS)
 """Topics that the page is drawn from."""

@@ -9,7 +9,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from viser import GuiApi
 
-from husky_msgs.msg import DriveStatusArray, PropulsionState
+from husky_msgs.msg import DriveStatusArray, NavigatorState, PropulsionState
 
 _LEVELS = {
     DiagnosticStatus.OK: ("ok", "#2b8a3e"),
@@ -38,6 +38,18 @@ def fans_in_words(message: PropulsionState) -> str:
     """Return how the fans stand."""
     armed = "armed" if message.armed else "disarmed"
     return f"{armed}, {message.mode}" if message.connected else "not connected"
+
+
+def navigation_in_words(message: NavigatorState) -> list[Row]:
+    """Return what the navigator does, what is left of its way, and how the last one has ended."""
+    way = f"{message.distance_left:.1f} m, {message.time_left:.0f} s"
+    rows = [
+        ("navigator", f"{message.phase}, {message.leg}" if message.leg else message.phase),
+        ("way left", f"{way}, {message.energy_left / 1e3:.1f} kJ" if message.goals_left else ""),
+        ("last navigation", message.outcome),
+        ("refused to it", message.refusal),
+    ]
+    return [(name, value) for name, value in rows if value]
 
 
 def table(rows: Iterable[Row]) -> str:

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 from urllib.parse import quote
 
+import numpy as np
 import trimesh
 from grid_map_msgs.msg import GridMap
 from tf2_msgs.msg import TFMessage
@@ -16,7 +17,10 @@ from visualization_msgs.msg import MarkerArray
 from husky_bringup.console.drawings import Drawings
 from husky_bringup.console.elevation import ElevationDrawing
 from husky_bringup.console.frame_tree import IDENTITY, FrameTree, Pose
+from husky_bringup.console.ground_pick import first_hit, moved_ray
 from husky_bringup.console.server import move
+from husky_description.arrays import Array
+from husky_description.rotation import about_z
 from husky_runtime import graph
 
 _ORIGINS = (graph.FRAME_ODOM, graph.FRAME_WORLD, graph.FRAME_BASE)
@@ -32,6 +36,8 @@ _NEAR, _FAR = 0.05, 300.0
 """What is nearer or farther is not drawn [m]."""
 _AXES = 0.1
 """Length of a frame's axes [m]."""
+_FARTHEST = 1000.0
+"""Greatest x and y of a goal in `map` [m]; the navigator takes none beyond."""
 
 
 class Scene:
@@ -45,6 +51,7 @@ class Scene:
         self._meshes: Mapping[str, trimesh.Trimesh] = {}
         self._looks: dict[str, Any] = {}
         self._drawings = Drawings(server.scene, _path, "drawn")
+        self._route = Drawings(server.scene, _path, "route")
         self._ground = Drawings(server.scene, _path, "ground")
         self._map = ElevationDrawing(server.scene, _path)
         self._layers: dict[str, Any] = {}
@@ -64,7 +71,7 @@ class Scene:
         self._origin: Any = gui.add_dropdown(
             "fixed frame", _ORIGINS[:1], hint="stands still in the picture"
         )
-        self._offered = _ORIGINS[0]
+        self._offered = self._fixed = _ORIGINS[0]
         self._follow = gui.add_checkbox("follow the robot", True)
         self._axes = gui.add_checkbox("axes of frames", False)
         self._layer_folder = gui.add_folder("drawings", visible=False)
@@ -88,6 +95,10 @@ class Scene:
         """Take markers."""
         self._drawings.take(message)
 
+    def take_route(self, message: MarkerArray) -> None:
+        """Take the navigator's route."""
+        self._route.take(message)
+
     def take_ground(self, message: MarkerArray) -> None:
         """Take the ground, which is drawn in the place of the grid."""
         self._ground.clear()
@@ -101,6 +112,7 @@ class Scene:
     def restart(self) -> None:
         """The robot's time has started again: what was drawn is of another run."""
         self._drawings.clear()
+        self._route.clear()
         self._map.clear()
 
     def forget(self) -> None:
@@ -111,7 +123,44 @@ class Scene:
     @property
     def skipped(self) -> list[str]:
         """What is not drawn of the markers."""
-        return sorted(self._drawings.skipped | self._ground.skipped)
+        return sorted(set[str]().union(*(each.skipped for each in self._marked)))
+
+    @property
+    def _marked(self) -> tuple[Drawings, ...]:
+        return self._ground, self._drawings, self._route
+
+    # Goals --------------------------------------------------------------------------------------
+    def pick(self, origin: Array, direction: Array) -> Pose:
+        """Return the pose in `map` on the ground that a ray hits, facing away from the robot.
+
+        The ground is what is drawn of it, simulated or mapped; elsewhere a level plane through the
+        robot's feet.
+
+        Args:
+            origin: of the ray, as viser has it [m] (3,).
+            direction: likewise, of any length (3,).
+
+        Raises:
+            ValueError: there is no ground, it is too far away, or it is not known where in `map`.
+        """
+        poses = self._tree.poses(graph.FRAME_MAP)
+        for name in (self._fixed, graph.FRAME_BASE):
+            if name not in poses:
+                raise ValueError(f"there is no transform from {name} to {graph.FRAME_MAP}")
+        in_fixed = np.array((origin + self._centre, direction / np.linalg.norm(direction)))
+        ray = moved_ray(in_fixed, poses[self._fixed])
+        surfaces = [*self._ground.solids(), *self._map.surfaces()]
+        hits = [first_hit(ray, each, poses[name]) for name, each in surfaces if name in poses]
+        way = min(hits, default=math.inf)
+        if way == math.inf and ray[1, 2] != 0.0:
+            way = (poses.get(graph.FRAME_FOOTPRINT, IDENTITY)[2] - ray[0, 2]) / ray[1, 2]
+        if not 0.0 < way < math.inf:
+            raise ValueError("there is no ground")
+        x, y, z = (ray[0] + way * ray[1]).tolist()
+        if max(abs(x), abs(y)) > _FARTHEST:
+            raise ValueError(f"that is more than {_FARTHEST:.0f} m from the origin of map")
+        base = poses[graph.FRAME_BASE]
+        return (x, y, z, *about_z(math.atan2(y - base[1], x - base[0])))
 
     # Drawing ----------------------------------------------------------------------------------
     def draw(self, now: float) -> None:
@@ -127,19 +176,19 @@ class Scene:
                 self._origin.value = options[0]
         with self._server.atomic():
             chosen = self._origin.value  # whatever a client has sent
-            poses = self._tree.poses(chosen if chosen in options else options[0])
+            self._fixed = chosen if chosen in options else options[0]
+            poses = self._tree.poses(self._fixed)
             self._centre_on(poses.get(graph.FRAME_BASE, IDENTITY))
             # One that nothing hangs on costs as much as another, and is not seen.
-            used = {*self._meshes, *self._drawings.frames(), *self._ground.frames()}
-            used.add(self._map.frame)
+            used = {*self._meshes, self._map.frame}.union(*(d.frames() for d in self._marked))
             placed = {n: p for n, p in poses.items() if n in used or self._axes.value}
             for name, pose in placed.items():
                 self._place(name, pose)
             for name, handle in self._frames.items():
                 if handle.visible != (name in placed):
                     handle.visible = not handle.visible
-            self._ground.draw(now)
-            self._drawings.draw(now)
+            for drawings in self._marked:
+                drawings.draw(now)
             self._map.draw()
         self._offer_layers()
 
@@ -170,7 +219,7 @@ class Scene:
 
     def _offer_layers(self) -> None:
         """Have a switch for each namespace of markers and for the map, and do as it says."""
-        for drawings in (self._ground, self._drawings):
+        for drawings in self._marked:
             for namespace in drawings.namespaces():
                 drawings.show(namespace, self._is_on(namespace))
         if self._map.frame:

@@ -11,14 +11,19 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable, Sequence
+from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
+from action_msgs.srv import CancelGoal
+from geometry_msgs.msg import PoseStamped
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 
 from husky_bringup.console import page
+from husky_bringup.console.clicked_goals import STOP_GOING, ClickedGoals
+from husky_bringup.console.frame_tree import Pose
 from husky_bringup.console.operator_server import VIEW
 from husky_bringup.console.server import PORT, PageServer
 from husky_bringup.definitions import message_class
@@ -28,6 +33,8 @@ from husky_bringup.nodes.remote_parameters import RemoteParameters
 from husky_bringup.nodes.service_calls import ServiceCalls
 from husky_bringup.nodes.shown import decode_shown
 from husky_bringup.nodes.steering import SOURCES, Steering
+from husky_bringup.outcome import Outcome
+from husky_description.arrays import Array
 from husky_runtime import graph
 from husky_runtime.nodes import diagnostics, qos
 from husky_runtime.nodes.executor import executor_of, wake
@@ -42,6 +49,16 @@ _PATIENCE = 10.0
 _PARAMETER_EVENTS = graph.Topic(
     page.PARAMETER_EVENTS, "rcl_interfaces/msg/ParameterEvent", (), "COMMAND", 0.0
 )
+_CANCELS = tuple(
+    f"{action}/_action/cancel_goal"
+    for action in (
+        graph.NAVIGATE_TO_POSE,
+        graph.NAVIGATE_THROUGH_POSES,
+        graph.FOLLOW_PATH,
+        graph.FOLLOW_WAYPOINTS,
+    )
+)
+"""Services that end what the robot is sent to."""
 _DEPTH = 100
 """Messages that wait for the next look at a topic that is drawn whole; of maps one does."""
 
@@ -73,6 +90,11 @@ class Console(OneClock, Node):
         self.hot: Sequence[Subscription] = []
         self.create_timer(1.0 / self._rate, self._turn)
         self._steering = Steering(self)
+        self._goal_publisher = self.create_publisher(PoseStamped, graph.GOAL_POSE, qos.COMMAND)
+        for name in _CANCELS:
+            self._calls.meet(name, CancelGoal)
+        self._goals = ClickedGoals(self._server.scene, self._go, self._stop_going)
+        self._steering.server.goals = self._goals
         self.hot_wires = [self._steering.serve, self._calls.serve]
         places = {VIEW: self._server.get_port()}
         self._gate = open_gate(self, self._steering.server.port, PORT, (), places)
@@ -92,6 +114,7 @@ class Console(OneClock, Node):
                 source.enter(message)
         if self._sources:
             self._guard.run("the page", self._draw)
+        self._goals.turn()
 
     @property
     def _is_looked_at(self) -> bool:
@@ -106,6 +129,42 @@ class Console(OneClock, Node):
     def _draw(self) -> None:
         now = self.get_clock().now().nanoseconds / 1e9
         self._page.draw(now, self._patient_clock.read(time.monotonic()))
+
+    def _go(self, origin: Array, direction: Array) -> Pose:
+        """Send the robot where a ray of the picture leads; raises ValueError, as `Page.pick`."""
+        if not self.count_services(self.resolve_service_name(_CANCELS[0])):
+            raise ValueError("there is no navigator")
+        goal = self._page.pick(origin, direction)
+        message = PoseStamped()
+        message.header.frame_id = graph.FRAME_MAP
+        message.header.stamp = self.get_clock().now().to_msg()
+        place, turn = message.pose.position, message.pose.orientation
+        place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w = goal
+        self._goal_publisher.publish(message)
+        return goal
+
+    def _stop_going(self, outcome: Outcome) -> None:
+        """Cancel all goals of the navigator, whoever has given them."""
+        there = [name for name in _CANCELS if self.count_services(self.resolve_service_name(name))]
+        if not there:
+            outcome.refuse("", f"{STOP_GOING}: there is no navigator")
+            return
+        outcome.wait(STOP_GOING)
+        calls = [self._calls.call(name, CancelGoal, CancelGoal.Request()) for name in there]
+
+        def note(_: Future[Any]) -> None:
+            if not all(call.done() for call in calls):
+                return
+            errors = [error for call in calls if (error := call.exception()) is not None]
+            if errors:
+                outcome.refuse(STOP_GOING, f"{STOP_GOING}: {errors[0]}")
+            elif any(call.result().goals_canceling for call in calls):
+                outcome.finish(STOP_GOING)
+            else:
+                outcome.refuse(STOP_GOING, f"{STOP_GOING}: no action is under way")
+
+        for call in calls:
+            call.add_done_callback(note)
 
     def _listen(self) -> None:
         """Subscribe to what the page shows; what is latched comes at once."""

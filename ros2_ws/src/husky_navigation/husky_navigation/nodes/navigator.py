@@ -12,7 +12,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from geometry_msgs.msg import Pose, PoseStamped, PoseWithCovarianceStamped
 from grid_map_msgs.msg import GridMap
+from nav2_msgs.action import NavigateToPose
 from nav_msgs.msg import OccupancyGrid, Odometry, Path
+from rclpy.action import ActionClient
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
@@ -105,6 +107,7 @@ class Navigator(OneClock, Node):
         what = "a waypoint that cannot be reached ends its tour; else the next one is gone to"
         stop = bool(declare(self, "stop_on_failure", True, what))
         self._actions = NavigationActions(self, self, stop_on_failure=stop)
+        self._to_itself = ActionClient(self, NavigateToPose, graph.NAVIGATE_TO_POSE)
         self.create_timer(_WATCH, self._watch)
         self._diagnostics = diagnostics.Diagnostics(self, "navigator", self._report)
 
@@ -173,12 +176,12 @@ class Navigator(OneClock, Node):
         self._charge = battery.percentage
 
     def _on_goal(self, message: PoseStamped) -> None:
-        """Go where a click in RViz or Foxglove tells."""
+        """Go where a click tells, by the node's own action, so that clients can cancel that."""
         try:
-            goal = self.goal_of(message)
+            self.goal_of(message)
         except ValueError as error:
             raise Refused(str(error)) from error
-        self.begin([goal])
+        self._to_itself.send_goal_async(NavigateToPose.Goal(pose=message))
 
     def _restart(self) -> None:
         """The world has started again at an earlier time: nothing is known of it."""
@@ -406,6 +409,7 @@ class Navigator(OneClock, Node):
     def close(self) -> None:
         """Take no more goals; a robot that is not told to go on stands."""
         self._finish(Outcome.STOPPED, "the navigator ends")
+        self._to_itself.destroy()
         self._actions.close()
 
 

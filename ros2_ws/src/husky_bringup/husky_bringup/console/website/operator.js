@@ -80,6 +80,7 @@ function tell() {
   const outcome = unsent || told;
   write("said", outcome.said ? `${outcome.at} ${outcome.said}`.trim() : "");
   find("said").classList.toggle("refused", Boolean(outcome.refused));
+  find("goto").setAttribute("aria-pressed", Boolean(told.picks));
   const isHeld = (held.pad && told.holds) || held.move || held.turn || held.keys.size;
   const isLost = document.body.classList.contains("lost");
   const why = isHeld ? (isLost ? "no connection to the robot" : robot.obstacle || told.obstacle) : "";
@@ -225,7 +226,8 @@ function release() {
   releaseCut();
 }
 
-// The picture has a window of its own: keys go to one of the two.
+// The picture has a window of its own: keys go to one of the two. Where a click there leads viser says;
+// that it is this operator's, and when it was, is said here.
 function listen(target) {
   target.addEventListener("keydown", onKey, true);
   target.addEventListener("keyup", onKey, true);
@@ -233,7 +235,10 @@ function listen(target) {
 }
 
 listen(window);
-view.addEventListener("load", () => listen(view.contentWindow));
+view.addEventListener("load", () => {
+  listen(view.contentWindow);
+  view.contentWindow.addEventListener("pointerup", () => told.picks && ask("navigation", "click"), true);
+});
 document.addEventListener("visibilitychange", release);
 find("keys").addEventListener("change", release);
 find("speed").addEventListener("input", (event) => { event.target.nextElementSibling.value = `${event.target.value} %`; });
