@@ -190,6 +190,24 @@ def test_it_climbs_where_the_top_is_not_seen_yet() -> None:
     assert found.modes == ("walk", "climb", "walk")
 
 
+@pytest.mark.parametrize("back", [False, True])
+def test_a_robot_on_a_slope_goes_on_whatever_is_behind_it(back: bool) -> None:
+    """A map errs most at a crest, and may find a step where the robot has just come up."""
+    step_at = RIDGE.crest - 0.9
+
+    def height(x: Array, y: Array) -> Array:
+        return RIDGE(x, y) + np.where(np.abs(x - step_at) < 0.1, 0.15, 0.0)
+
+    graph = graph_of(grid_seen(height))
+    x, yaw = (step_at - 0.5, math.pi) if back else (step_at + 0.5, 0.0)
+    found = find_route(graph, PlanePose(x, 0.0, yaw), BEFORE if back else on_top())
+    assert found.modes == ("climb", "walk")
+    assert found.legs[0].downwards is back
+    assert found.legs[0].yaw == pytest.approx(yaw, abs=0.05)
+    crosswise = PlanePose(x, 0.0, 0.5 * math.pi)
+    assert refusal(graph, crosswise, BEFORE) is Refusal.START_OCCUPIED
+
+
 def hidden(start: float, end: float) -> RouteGraph:
     """Return the ridge of which nothing is seen between two places [m]."""
     return graph_of(grid_seen(lambda x, y: np.where((x < start) | (x > end), RIDGE(x, y), np.nan)))

@@ -85,6 +85,46 @@ def lanes_of(grid: PlanningGrid, climb: ClimbAbility) -> Lanes:
     return _distinct(joined, grid.lattice.cells)
 
 
+class WayAhead(NamedTuple):
+    """Way from a place on a slope to where the robot may walk.
+
+    Attributes:
+        end: cell [i, j].
+        slope: mean inclination, positive uphill [rad].
+    """
+
+    end: tuple[int, int]
+    slope: float
+
+
+def way_ahead(
+    grid: PlanningGrid, climb: ClimbAbility, cell: tuple[int, int], yaw: float
+) -> WayAhead | None:
+    """Return the way along the fall line of a cell on a slope, on the side to which a robot looks.
+
+    Unlike a lane it begins at the robot: whatever is behind it does not count.
+
+    Args:
+        grid: the ground.
+        climb: the robot's ability.
+        cell: in which it stands.
+        yaw: heading [rad].
+    """
+    uphill = np.array([[grid.slope_x[cell], grid.slope_y[cell]]])
+    uphill /= np.linalg.norm(uphill)
+    down = float(uphill[0] @ (math.cos(yaw), math.sin(yaw))) < 0.0
+    steps = np.arange(int(_REACH / grid.lattice.resolution))
+    course = -uphill if down else uphill
+    ground = _Ground(grid, cell + steps[None, :, None] * course[:, None, :], uphill, climb)
+    for ends, good in ((ground.ends, ground.good), (ground.hoped_ends, ground.likely)):
+        (found,) = _first(ends, good)
+        if 0 < found < len(steps):
+            i, j = np.rint(cell + found * course[0]).astype(int).tolist()
+            slope = float(ground.inclination[0, :found].mean())
+            return WayAhead((i, j), -slope if down else slope)
+    return None
+
+
 class _Ground:
     """The ground along candidates for lanes, arrays (n, k).
 

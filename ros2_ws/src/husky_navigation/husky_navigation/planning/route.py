@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from husky_description.arrays import Array
-from husky_navigation.planning.climb_lanes import Indices
+from husky_navigation.planning.climb_lanes import Indices, way_ahead
 from husky_navigation.planning.planning_grid import HEADINGS, Mask, PlanningGrid, heading_of
 from husky_navigation.planning.route_search import (
     CLIMB,
@@ -160,6 +160,8 @@ def find_route(graph: RouteGraph, start: PlanePose, goal: PlanePose) -> Route:
     is_climbing = begin is None or grid.slope[first] > _SLOPE or not fits
     off = _off_slope(graph, start) if is_climbing else None
     if off is None and begin is None:
+        off = _ahead_on_slope(graph, start, first)
+    if off is None and begin is None:
         raise RouteError(Refusal.START_OCCUPIED)
     is_whole = bool(grid.free[end])
     if not is_whole:
@@ -207,6 +209,30 @@ def _off_slope(graph: RouteGraph, start: PlanePose) -> Leg | None:
         for each in graph.costs.per_metre(CLIMB, speed, np.degrees([-slope if down else slope]))
     )
     points = np.array((start[:2], ends[0 if down else 1][k]))
+    return Leg(CLIMB, points, yaw, time, energy, downwards=down)
+
+
+def _ahead_on_slope(graph: RouteGraph, start: PlanePose, cell: tuple[int, int]) -> Leg | None:
+    """Return the way ahead of a robot on a slope on which no lane leads past it any more: what was
+    seen anew of the ground behind it does not strand it.
+    """
+    grid, climb = graph.grid, graph.abilities.climb
+    if graph.lanes is None or climb is None or grid.slope[cell] < graph.abilities.walk.most_slope:
+        return None
+    uphill = math.atan2(grid.slope_y[cell], grid.slope_x[cell])
+    turned = abs(math.remainder(start.yaw - uphill, 2.0 * math.pi))
+    if min(turned, math.pi - turned) > _SKEW:
+        return None
+    way = way_ahead(grid, climb, cell, start.yaw)
+    if way is None:
+        return None
+    points = np.array((start[:2], grid.centre(way.end)))
+    length, down = _way(points) / math.cos(way.slope), turned > 0.5 * math.pi
+    yaw = math.remainder(uphill + math.pi * down, 2.0 * math.pi)
+    time, energy = (
+        length * float(each[0])
+        for each in graph.costs.per_metre(CLIMB, climb.speed, np.degrees([way.slope]))
+    )
     return Leg(CLIMB, points, yaw, time, energy, downwards=down)
 
 
