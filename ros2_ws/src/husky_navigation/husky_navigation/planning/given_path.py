@@ -95,9 +95,12 @@ class GivenPath:
     def _climb(self, start: PlanePose, goal: PlanePose, limits: Limits) -> list[Leg]:
         """Return the legs of a planned route between two places of the path."""
         try:
-            return list(self._planner.plan(start, goal, limits).legs)
+            route = self._planner.plan(start, goal, limits)
         except RouteError as error:
             raise RouteError(Refusal.PATH_BLOCKED) from error
+        if not route.is_whole:
+            raise RouteError(Refusal.PATH_BLOCKED)
+        return list(route.legs)
 
     def _pieces(self, way: Array) -> list[tuple[int, int, bool]]:
         """Return parts of a way by first and last point, and whether each can be walked."""
