@@ -1,4 +1,4 @@
-"""What a ray of the picture hits: against the planes and boxes that are drawn."""
+"""Rays of the picture against the planes and boxes that are drawn."""
 
 from __future__ import annotations
 

@@ -139,7 +139,7 @@ def test_unseen_ground_is_crossed_unless_a_way_around_is_worth_it(
 
 
 def test_a_goal_beside_which_nothing_was_seen_is_gone_near_to() -> None:
-    """What is behind the seen ground may be an edge: the filled strip between is no ground."""
+    """Behind the seen ground may be an edge: the filled strip between is no ground."""
 
     def height(x: Array, y: Array) -> Array:
         return np.where(x < 2.3, 0.0, np.where(x < 3.3, np.nan, HIGH))

@@ -23,7 +23,7 @@ from husky_description.arrays import Array
 from husky_description.rotation import to_roll_pitch_yaw
 
 NAVIGATION = "navigation"
-"""What an operator asks for here; the values are the following."""
+"""Kind of these requests of an operator; its values are the following."""
 GO_TO, CLICK, STOP_GOING = "go to", "click", "stop going"
 _LATE = 2.0
 """How old a word may be, and how far apart the two of a click may come [s]."""

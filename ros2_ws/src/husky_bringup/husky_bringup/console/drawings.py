@@ -272,7 +272,7 @@ class _Labels:
 
     @property
     def visible(self) -> bool:
-        """Whether they are seen."""
+        """True if they are seen."""
         return bool(self._root.visible)
 
     @visible.setter
