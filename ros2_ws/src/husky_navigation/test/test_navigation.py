@@ -10,7 +10,8 @@ import pytest
 from planned_ground import CARBON, HIGH, Ridge, costs, grid_seen, level, wall
 
 from husky_description.arrays import Array
-from husky_navigation.following.navigation import Navigation, Outcome, Place, RobotView, Wish
+from husky_navigation.following.ground_checks import Place
+from husky_navigation.following.navigation import Navigation, Outcome, RobotView, Wish
 from husky_navigation.planning.planning_grid import PlanningGrid
 from husky_navigation.planning.route import PlanePose, Refusal, Route, RouteError, find_route
 from husky_navigation.planning.route_search import MODES, WALK, RouteGraph

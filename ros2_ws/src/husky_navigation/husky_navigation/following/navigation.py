@@ -13,14 +13,24 @@ from typing import NamedTuple
 
 import numpy as np
 
+from husky_navigation.following.ground_checks import (
+    SIGHT,
+    Place,
+    can_climb_on,
+    can_walk,
+    has_room_behind,
+    is_blocked,
+    is_seen,
+    needs_a_look,
+    place_ahead,
+)
 from husky_navigation.following.leg_follower import (
-    PATH_STEP,
     LegFollower,
     Pace,
     VelocityCommand,
     follower_of,
 )
-from husky_navigation.planning.planning_grid import PlanningGrid, heading_of
+from husky_navigation.planning.planning_grid import PlanningGrid
 from husky_navigation.planning.route import Leg, PlanePose, Refusal, Route, RouteError
 from husky_navigation.planning.route_search import CLIMB, WALK
 
@@ -44,14 +54,6 @@ _MOST_BEGUN = 15
 """Plans and changes of the mode that it makes without that."""
 _TURNED = 0.2
 """Turn that counts as progress too [rad]."""
-_SIGHT = 0.7, 1.0
-"""Ground ahead of the base that must have been seen, from and to [m]; nearer the camera of a robot
-that turns sees none.
-"""
-_CLIMB_SEEN, _CLIMB_EVEN = 0.4, 0.9
-"""Ground ahead of the base that must be seen, and not be rough, on a climb: a crest hides what is
-behind it [m].
-"""
 _OLD = 2.5
 """Age from which on a map tells nothing of what stands ahead [s]; one comes each second."""
 _HESITATION = 0.5
@@ -60,8 +62,6 @@ _LOOKING = 4.0
 """Time that it waits for ground to be seen [s]."""
 _AFTER = 0.3
 """Time after the robot stands until a map counts as one that it sees from there [s]."""
-_SAME_PLACE = 1.0
-"""Distance between two places from which the same slope is seen [m]."""
 _OFTEN = 5.0
 """Least time between two plans for want of energy [s]."""
 _MAY_CHANGE = (Refusal.NO_WAY, Refusal.START_OCCUPIED)
@@ -72,8 +72,6 @@ _BACK, _BACK_TIME = 0.15, 2.0
 """Speed and time of a step back [m/s, s]."""
 _LOOK_RATE, _LOOK_TIME = 0.4, 3.0
 """Yaw rate to each side [rad/s], and time to the left end; three times that in all [s]."""
-_LEAVING = 0.5
-"""Way within which a robot leaves an obstacle that it is too near to [m]."""
 _LONG = 1.0
 """Length of a leg after which the way is planned anew, as more is seen by then [m]."""
 
@@ -143,8 +141,6 @@ class _Phase(enum.Enum):
     END = "ended"
 
 
-Place = tuple[float, float]
-"""In `map` [m]."""
 Planner = Callable[[PlanePose, PlanePose, tuple[Place, ...]], Route]
 """Returns the route from a pose to a goal that keeps off places which cannot be seen; raises
 RouteError.
@@ -232,7 +228,7 @@ class Navigation:
         self._look_at_mode(view)
         if self.outcome is not None:
             return None
-        self._is_on_slope = view.mode == WAIR and not _can_walk(grid, view.pose)
+        self._is_on_slope = view.mode == WAIR and not can_walk(grid, view.pose)
         if self._phase is _Phase.PLAN:
             self._make_route(view)
         if self._phase is _Phase.LOOK:
@@ -294,7 +290,7 @@ class Navigation:
                 self.route = error.off_slope
             self._index = 0
             place = self._looked_from
-            if place is None or not _needs_a_look(self.route, place):
+            if place is None or not needs_a_look(self.route, place):
                 break
             if place in self._closed:
                 self._give_up(view, Outcome.UNSEEN)
@@ -364,17 +360,17 @@ class Navigation:
         if velocity is None:
             self._end_leg(view, leg)
             return Wish(TROT)
-        if _is_blocked(grid, follower) or self._needs_another(view):
+        if is_blocked(grid, follower) or self._needs_another(view):
             self._enter(_Phase.PLAN, view)
             self._begin_again(view)
             if self._planned_at == view.time or self._phase is not _Phase.PLAN:
                 return Wish(TROT)
             return self.step(view, grid) or Wish(STAND)
-        sees = view.map_age < _OLD and _is_seen(grid, view.pose, follower.left)
+        sees = view.map_age < _OLD and is_seen(grid, view.pose, follower.left)
         if velocity.forward > 0.0 and not sees:
             if view.time > self._seen_at + _LOOKING:
                 if view.map_age < _OLD:
-                    self._closed = (*self._closed, _ahead(view.pose, _SIGHT[1]))
+                    self._closed = (*self._closed, place_ahead(view.pose, SIGHT[1]))
                 self._give_up(view, Outcome.UNSEEN)
             return Wish(TROT)
         self._seen_at = view.time
@@ -393,7 +389,7 @@ class Navigation:
             if self._is_stuck(view):
                 self.stop(view, Outcome.STUCK)
             return Wish(WAIR, True, velocity)
-        if view.map_age < _OLD and _can_go_on(grid, leg, view.pose):
+        if view.map_age < _OLD and can_climb_on(grid, leg, view.pose):
             self._seen_at = view.time
         in_vain = view.time - self._seen_at
         if in_vain > _LOOKING or not (view.can_climb or leg.downwards) or self._is_stuck(view):
@@ -441,7 +437,8 @@ class Navigation:
             return Wish(TROT)
         since = view.time - self._moves_since
         if since < _BACK_TIME:
-            return Wish(TROT, velocity=VelocityCommand(-_BACK if _has_room(grid, view) else 0.0))
+            has_room = has_room_behind(grid, view.pose, _BACK * _BACK_TIME)
+            return Wish(TROT, velocity=VelocityCommand(-_BACK if has_room else 0.0))
         looked = since - _BACK_TIME
         if looked < 3.0 * _LOOK_TIME:
             side = 1.0 if not _LOOK_TIME <= looked < 2.0 * _LOOK_TIME else -1.0
@@ -486,75 +483,3 @@ class Navigation:
             self._mark = view.time, view.pose
             return False
         return view.time > time + _PATIENCE
-
-
-def _needs_a_look(route: Route, place: Place) -> bool:
-    """Return whether a route climbs from a place where too little of the slope is seen."""
-    for leg in route.legs:
-        away = math.hypot(leg.points[0, 0] - place[0], leg.points[0, 1] - place[1])
-        if not leg.is_seen and away < _SAME_PLACE:
-            return True
-    return False
-
-
-def _is_blocked(grid: PlanningGrid, follower: LegFollower) -> bool:
-    """Return whether something stands on what is left of a leg.
-
-    A robot that stands too near an obstacle may leave it, on ground on which it can step. Cells
-    beside the way count as free too: it leads over them where it cuts their corners.
-    """
-    x, y, yaw = follower.ahead().T
-    lattice, heading = grid.lattice, heading_of(yaw)
-    i, j = (np.floor(each / lattice.resolution).astype(int) for each in (x, y))
-    i, j = i - lattice.x, j - lattice.y
-    is_free, is_rough = np.zeros(len(x), np.bool_), np.zeros(len(x), np.bool_)
-    inside = (i >= 0) & (i < lattice.cells) & (j >= 0) & (j < lattice.cells)
-    is_rough[inside] = grid.rough[i[inside], j[inside]]
-    for beside_i, beside_j in np.ndindex(3, 3):
-        k, m = i + beside_i - 1, j + beside_j - 1
-        inside = (k >= 0) & (k < lattice.cells) & (m >= 0) & (m < lattice.cells)
-        is_free[inside] |= grid.free[heading[inside], k[inside], m[inside]]
-    was_free = np.logical_or.accumulate(is_free)
-    was_free[round(_LEAVING / PATH_STEP) :] = True
-    return bool((is_rough | (was_free & ~is_free)).any())
-
-
-def _ahead(pose: PlanePose, way: float) -> Place:
-    """Return the place ahead of a pose [m]."""
-    return pose.x + way * math.cos(pose.yaw), pose.y + way * math.sin(pose.yaw)
-
-
-def _is_seen(grid: PlanningGrid, pose: PlanePose, left: float) -> bool:
-    """Return whether the ground ahead of a pose has been seen, of the way that is left [m]."""
-    for way in np.arange(_SIGHT[0], min(_SIGHT[1], left), grid.lattice.resolution):
-        cell = grid.lattice.index_of(*_ahead(pose, way))
-        if cell is None or not grid.known[cell]:
-            return False
-    return True
-
-
-def _can_go_on(grid: PlanningGrid, leg: Leg, pose: PlanePose) -> bool:
-    """Return whether the ground ahead on a climb, up to its end, was seen and is even."""
-    end = leg.points[-1]
-    left = math.hypot(end[0] - pose.x, end[1] - pose.y)
-    for way in np.arange(0.0, min(left, _CLIMB_EVEN), grid.lattice.resolution):
-        cell = grid.lattice.index_of(*(np.array(pose[:2]) + way / left * (end - pose[:2])))
-        if cell is None or grid.rough[cell]:
-            return False
-        if way < _CLIMB_SEEN and not grid.known[cell]:
-            return False
-    return True
-
-
-def _can_walk(grid: PlanningGrid, pose: PlanePose) -> bool:
-    """Return whether a robot can walk where it is: on a crest its hind feet are on a slope."""
-    cell = grid.lattice.index_of(pose.x, pose.y)
-    return cell is not None and bool(grid.free[int(heading_of(pose.yaw)), *cell])
-
-
-def _has_room(grid: PlanningGrid, view: RobotView) -> bool:
-    """Return whether a robot may step back: the ground there is known, and it fits."""
-    x, y, yaw = view.pose
-    way = _BACK * _BACK_TIME
-    cell = grid.lattice.index_of(x - way * math.cos(yaw), y - way * math.sin(yaw))
-    return cell is not None and bool(grid.known[cell] and grid.free[int(heading_of(yaw)), *cell])

@@ -25,7 +25,8 @@ from husky_description.actuation import BUS_SERVOS, DRIVES
 from husky_description.rotation import Quaternion, Vector
 from husky_description.sections import BatterySection
 from husky_msgs.msg import ControllerState, NavigatorState, PropulsionState
-from husky_navigation.following.navigation import Navigation, Outcome, Place, RobotView
+from husky_navigation.following.ground_checks import Place
+from husky_navigation.following.navigation import Navigation, Outcome, RobotView
 from husky_navigation.frame_filter import LevelTransform, heading_between
 from husky_navigation.nodes.map_messages import elevation_of
 from husky_navigation.nodes.navigation_actions import Errand, NavigationActions

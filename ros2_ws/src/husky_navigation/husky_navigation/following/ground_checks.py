@@ -1,0 +1,98 @@
+"""What is known of the ground where a robot is, and where it goes next: judgements on a grid."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from husky_navigation.following.leg_follower import PATH_STEP, LegFollower
+from husky_navigation.planning.planning_grid import PlanningGrid, heading_of
+from husky_navigation.planning.route import Leg, PlanePose, Route
+
+SIGHT = 0.7, 1.0
+"""Ground ahead of the base that must have been seen, from and to [m]; nearer the camera of a robot
+that turns sees none.
+"""
+_CLIMB_SEEN, _CLIMB_EVEN = 0.4, 0.9
+"""Ground ahead of the base that must be seen, and not be rough, on a climb: a crest hides what is
+behind it [m].
+"""
+_SAME_PLACE = 1.0
+"""Distance between two places from which the same slope is seen [m]."""
+_LEAVING = 0.5
+"""Way within which a robot leaves an obstacle that it is too near to [m]."""
+
+Place = tuple[float, float]
+"""In `map` [m]."""
+
+
+def needs_a_look(route: Route, place: Place) -> bool:
+    """Return whether a route climbs from a place where too little of the slope is seen."""
+    for leg in route.legs:
+        away = math.hypot(leg.points[0, 0] - place[0], leg.points[0, 1] - place[1])
+        if not leg.is_seen and away < _SAME_PLACE:
+            return True
+    return False
+
+
+def is_blocked(grid: PlanningGrid, follower: LegFollower) -> bool:
+    """Return whether something stands on what is left of a leg.
+
+    A robot that stands too near an obstacle may leave it, on ground on which it can step. Cells
+    beside the way count as free too: it leads over them where it cuts their corners.
+    """
+    x, y, yaw = follower.ahead().T
+    lattice, heading = grid.lattice, heading_of(yaw)
+    i, j = (np.floor(each / lattice.resolution).astype(int) for each in (x, y))
+    i, j = i - lattice.x, j - lattice.y
+    is_free, is_rough = np.zeros(len(x), np.bool_), np.zeros(len(x), np.bool_)
+    inside = (i >= 0) & (i < lattice.cells) & (j >= 0) & (j < lattice.cells)
+    is_rough[inside] = grid.rough[i[inside], j[inside]]
+    for beside_i, beside_j in np.ndindex(3, 3):
+        k, m = i + beside_i - 1, j + beside_j - 1
+        inside = (k >= 0) & (k < lattice.cells) & (m >= 0) & (m < lattice.cells)
+        is_free[inside] |= grid.free[heading[inside], k[inside], m[inside]]
+    was_free = np.logical_or.accumulate(is_free)
+    was_free[round(_LEAVING / PATH_STEP) :] = True
+    return bool((is_rough | (was_free & ~is_free)).any())
+
+
+def place_ahead(pose: PlanePose, way: float) -> Place:
+    """Return the place ahead of a pose [m]."""
+    return pose.x + way * math.cos(pose.yaw), pose.y + way * math.sin(pose.yaw)
+
+
+def is_seen(grid: PlanningGrid, pose: PlanePose, left: float) -> bool:
+    """Return whether the ground ahead of a pose has been seen, of the way that is left [m]."""
+    for way in np.arange(SIGHT[0], min(SIGHT[1], left), grid.lattice.resolution):
+        cell = grid.lattice.index_of(*place_ahead(pose, way))
+        if cell is None or not grid.known[cell]:
+            return False
+    return True
+
+
+def can_climb_on(grid: PlanningGrid, leg: Leg, pose: PlanePose) -> bool:
+    """Return whether the ground ahead on a climb, up to its end, was seen and is even."""
+    end = leg.points[-1]
+    left = math.hypot(end[0] - pose.x, end[1] - pose.y)
+    for way in np.arange(0.0, min(left, _CLIMB_EVEN), grid.lattice.resolution):
+        cell = grid.lattice.index_of(*(np.array(pose[:2]) + way / left * (end - pose[:2])))
+        if cell is None or grid.rough[cell]:
+            return False
+        if way < _CLIMB_SEEN and not grid.known[cell]:
+            return False
+    return True
+
+
+def can_walk(grid: PlanningGrid, pose: PlanePose) -> bool:
+    """Return whether a robot can walk where it is: on a crest its hind feet are on a slope."""
+    cell = grid.lattice.index_of(pose.x, pose.y)
+    return cell is not None and bool(grid.free[int(heading_of(pose.yaw)), *cell])
+
+
+def has_room_behind(grid: PlanningGrid, pose: PlanePose, way: float) -> bool:
+    """Return whether a robot may step back by a way [m]: the ground there is known, and it fits."""
+    cell = grid.lattice.index_of(*place_ahead(pose, -way))
+    heading = int(heading_of(pose.yaw))
+    return cell is not None and bool(grid.known[cell] and grid.free[heading, *cell])
