@@ -10,12 +10,11 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 
 from husky_description.arrays import Array
 from husky_navigation.planning.abilities import ClimbAbility
-from husky_navigation.planning.planning_grid import Mask, PlanningGrid, heading_of
+from husky_navigation.planning.planning_grid import Indices, Mask, PlanningGrid, heading_of
 
 _REACH = 6.0
 """Longest way of a lane to each side of the cell from which it is found [m]."""
@@ -25,8 +24,6 @@ _LEAST_RISE, _LEAST_RISE_SEEN = 0.1, 0.04
 """Of a lane from its foot to its top, and of what was seen of one that is hoped for [m]."""
 _NEAR_UNSEEN = 0.15
 """Distance from unseen ground within which the bend of a lane is not judged [m]."""
-
-Indices = NDArray[np.int64]
 
 
 class Lanes(NamedTuple):

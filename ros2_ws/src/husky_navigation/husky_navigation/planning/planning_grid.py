@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import reduce
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,6 +16,9 @@ from husky_navigation.planning.abilities import Abilities
 from husky_navigation.planning.world_map import WorldMap, shape_of
 
 Mask = NDArray[np.bool_]
+Indices = NDArray[np.int64]
+Cell = tuple[int, int]
+"""Index [i, j]."""
 
 HEADINGS = 8
 """Directions in which a robot stands and walks, in steps of 45 deg from +x."""
@@ -32,6 +36,8 @@ class PlanningGrid(NamedTuple):
         lattice: of the cells, in `map`.
         known: something was seen there.
         filled: seen, or near what was seen.
+        height: of the ground, 0 where it is not filled [m].
+        top: highest ground that was seen there, NaN where nothing was [m].
         slope_x, slope_y: rise along x and y [-], 0 where nothing is known.
         rough: ground on which no foot is put: a step, an edge, a wall.
         steep: ground that rises too much for a walk.
@@ -42,6 +48,8 @@ class PlanningGrid(NamedTuple):
     lattice: Lattice
     known: Mask
     filled: Mask
+    height: Array
+    top: Array
     slope_x: Array
     slope_y: Array
     rough: Mask
@@ -54,6 +62,11 @@ class PlanningGrid(NamedTuple):
         """Steepest rise over way [-]."""
         return np.hypot(self.slope_x, self.slope_y)
 
+    @property
+    def free_all_ways(self) -> Mask:
+        """Whether the robot can turn there, walking."""
+        turns: Mask = np.logical_and.reduce(self.free, axis=0)
+        return turns
     def is_taken(self, x: float, y: float, within: float) -> bool:
         """Return whether something that was seen, within a distance of a place [m], is no ground to
         walk on; a slope that leads to what was not seen may be none.
@@ -75,6 +88,13 @@ def heading_of(yaw: Array | float) -> NDArray[np.int64]:
     return np.rint(np.asarray(yaw) / (2.0 * math.pi / HEADINGS)).astype(np.int64) % HEADINGS
 
 
+def cells_between(start: Cell, end: Cell) -> tuple[Indices, Indices]:
+    """Return the cells along a straight line."""
+    count = 2 * max(abs(b - a) for a, b in zip(start, end, strict=True)) + 1
+    i, j = np.rint(np.linspace(start, end, count)).astype(np.int64).T
+    return i, j
+
+
 def grid_of(world: WorldMap, abilities: Abilities) -> PlanningGrid:
     """Return the ground of a map for a robot."""
     heights, walk, fine = world.filled(), abilities.walk, world.lattice
@@ -86,11 +106,11 @@ def grid_of(world: WorldMap, abilities: Abilities) -> PlanningGrid:
         fine.y // COARSENING,
     )
     filled: Mask = np.logical_and.reduce(_blocks(~np.isnan(heights)), axis=-1)
-    known: Mask = np.logical_or.reduce(_blocks(~np.isnan(world.elevation)), axis=-1)
+    height, top = _mean(heights), _top(world.elevation)
     slope_x, slope_y = (_mean(part) for part in (shape.slope_x, shape.slope_y))
     steepness = _blocks(np.nan_to_num(np.hypot(shape.slope_x, shape.slope_y))).max(axis=-1)
     rough = (_mean(shape.roughness) > walk.most_roughness) | (steepness > abilities.most_slope)
-    wide = _rise(_mean(heights), filled, lattice.resolution)  # beside a wall as well
+    wide = _rise(height, filled, lattice.resolution)  # beside a wall as well
     steep = np.minimum(wide, np.hypot(slope_x, slope_y)) > walk.most_slope
     near_steep = _distance_to(steep, lattice.resolution) <= walk.clearance
     free = np.empty((HEADINGS, *rough.shape), np.bool_)
@@ -102,8 +122,10 @@ def grid_of(world: WorldMap, abilities: Abilities) -> PlanningGrid:
         free[heading + HEADINGS // 2] = free[heading]
     return PlanningGrid(
         lattice,
-        known,
+        ~np.isnan(top),
         filled,
+        height,
+        top,
         slope_x,
         slope_y,
         rough,
@@ -132,6 +154,13 @@ def _mean(fine: Array) -> Array:
     """Return the mean of each planning cell's fine cells, 0 where one of them is NaN."""
     mean: Array = np.nan_to_num(_blocks(fine).mean(axis=-1))
     return mean
+
+
+def _top(fine: Array) -> Array:
+    """Return the highest of each planning cell's fine cells, NaN where all of them are."""
+    rows = reduce(np.fmax, (fine[k::COARSENING] for k in range(COARSENING)))
+    highest: Array = reduce(np.fmax, (rows[:, k::COARSENING] for k in range(COARSENING)))
+    return highest
 
 
 def _rise(height: Array, filled: Mask, resolution: float) -> Array:
