@@ -10,7 +10,14 @@ import numpy as np
 from husky_description.arrays import Array
 from husky_navigation.planning.abilities import Abilities
 from husky_navigation.planning.planning_grid import PlanningGrid, grid_of
-from husky_navigation.planning.travel_costs import METRE, ONCE, RADIAN, TravelCost, TravelCosts
+from husky_navigation.planning.travel_costs import (
+    METRE,
+    ONCE,
+    RADIAN,
+    SECOND,
+    TravelCost,
+    TravelCosts,
+)
 from husky_navigation.planning.world_map import WorldMap
 
 CARBON = Abilities()
@@ -20,9 +27,9 @@ RADIUS = 1.5
 """Of a ridge's feet and crests [m]."""
 
 
-def seen(height: Callable[[Array, Array], Array]) -> WorldMap:
+def seen(height: Callable[[Array, Array], Array], cells: int = 280) -> WorldMap:
     """Return the map of a ground whose height at x, y [m] is told; NaN where it was not seen."""
-    world = WorldMap(cells=280)
+    world = WorldMap(cells=cells)
     x, y = world.lattice.cell_centers()
     world.elevation[:] = height(*np.meshgrid(x, y, indexing="ij"))
     return world
@@ -76,7 +83,7 @@ class Ridge:
 
 
 def costs(robot: str = "carbon") -> TravelCosts:
-    """Return round numbers: 100 J a metre at 0.4 m/s, 1 kJ where it climbs at 45 deg."""
+    """Return round numbers: 100 J a metre at 0.4 m/s, 1 kJ where it climbs at 45 deg or hovers."""
 
     def cost(mode: str, unit: str, time: float, energy: float, **more: float) -> TravelCost:
         each = {"slope_deg": 0.0, "thrust_share": 0.0, "speed": 0.0, **more}
@@ -92,5 +99,11 @@ def costs(robot: str = "carbon") -> TravelCosts:
                 cost("climb", METRE, 4.0, 200.0 + 20.0 * abs(slope), speed=0.25, slope_deg=slope)
                 for slope in (-45.0, 0.0, 45.0)
             ),
+            cost("to_arms", ONCE, 3.0, 100.0),
+            cost("take_off", ONCE, 6.0, 3000.0),
+            cost("hover", SECOND, 1.0, 1000.0),
+            cost("fly", METRE, 2.0, 2000.0, speed=0.48),
+            cost("land", ONCE, 5.0, 4000.0),
+            cost("to_legs", ONCE, 4.0, 200.0),
         ]
     )

@@ -172,7 +172,7 @@ def test_it_climbs_a_ridge_straight_up_and_straight_down(ridged: RouteGraph) -> 
 def test_without_climbing_no_way_leads_over_a_ridge(ridged: RouteGraph) -> None:
     walking = graph_of(ridged.grid, modes=("walk",))
     assert refusal(walking, BEFORE, BEHIND) is Refusal.NO_WAY
-    walker = RouteGraph(ridged.grid, ABILITIES["beta"], costs("beta"))
+    walker = RouteGraph(ridged.grid, ABILITIES["beta"], costs("beta"), modes=("walk", "climb"))
     assert refusal(walker, BEFORE, BEHIND) is Refusal.NO_WAY
 
 
@@ -280,8 +280,8 @@ def test_a_pose_that_is_not_finite_is_refused(flat: RouteGraph, name: str, bad: 
 
 
 def test_modes_without_costs_are_refused(flat: RouteGraph) -> None:
-    with pytest.raises(ValueError, match="no mode 'fly', there are walk, climb"):
-        graph_of(flat.grid, modes=("walk", "fly"))
+    with pytest.raises(ValueError, match="no mode 'swim', there are walk, climb, fly"):
+        graph_of(flat.grid, modes=("walk", "swim"))
     few = TravelCosts([row for row in costs().rows if row.slope_deg < 45.0])
     with pytest.raises(LookupError, match="no costs of a climb up to 47 deg"):
         RouteGraph(flat.grid, CARBON, few)

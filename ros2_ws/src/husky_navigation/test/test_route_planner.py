@@ -74,7 +74,7 @@ def test_little_energy_takes_the_way_that_costs_less_of_it() -> None:
 def test_robots_and_modes_that_there_are_not_are_named() -> None:
     with pytest.raises(ValueError, match="robot is 'delta', it must be one of carbon, beta"):
         RoutePlanner("delta")
-    with pytest.raises(ValueError, match="no mode 'swim', there are walk, climb"):
+    with pytest.raises(ValueError, match="no mode 'swim', there are walk, climb, fly"):
         planner_on(np.zeros((160, 160))).plan(START, GOAL, Limits(modes=("swim",)))
 
 

@@ -1,4 +1,4 @@
-"""Routes along a path that somebody else has planned: walked as it is, slopes climbed by lanes."""
+"""Routes along a path that somebody else has planned: walked, but for slopes and gaps."""
 
 from __future__ import annotations
 
@@ -17,9 +17,11 @@ from husky_navigation.planning.route_planner import Limits, RoutePlanner
 _JOINS_WITHIN = 0.5
 """Greatest distance from the path at which a robot joins it [m]."""
 _STRAYS = 0.5
-"""Greatest distance from the path of a route that climbs where the path crosses a slope [m]."""
+"""Greatest distance from the path of a route that climbs or flies where the path is blocked [m]."""
 _ROOM = 0.8
-"""Way before and behind a slope on which a route may lead to and from a lane [m]."""
+"""Way before and behind a slope or gap on which a route may leave the path [m]."""
+_JUST_OFF = 2.0
+"""Way that is planned of a robot in the air, so that it does not land just before a gap [m]."""
 _LONGEST = 200.0
 """Longest path [m]."""
 _STEP = 0.1
@@ -58,23 +60,30 @@ class GivenPath:
         """The last pose."""
         return self._goal
 
-    def route(self, start: PlanePose, limits: Limits) -> Route:
+    def route(self, start: PlanePose, limits: Limits, altitude: float | None = None) -> Route:
         """Return the route from a pose to the path, and along what is left of it.
+
+        Args:
+            start: pose of the robot.
+            limits: of the route.
+            altitude: as of `find_route`.
 
         Raises:
             RouteError: the robot is too far from it, or it leads where no route can follow.
+            ValueError: as of `find_route`.
         """
         self._passed = self._next(start)
         way = np.concatenate(([start[:2]], self._points[self._passed :]))
         legs, yaw = list[Leg](), start.yaw
-        for begin, end, walkable in self._pieces(way):
+        for begin, end, walkable in self._pieces(way, in_air=altitude is not None):
             piece = way[begin : end + 1]
             last = end == len(way) - 1
             to = self._goal.yaw if last else _course(way[end - 1], way[end])
             if walkable:
                 found = [self._planner.walk(piece, yaw, to)]
             else:
-                found = self._climb(_pose(way[begin], yaw), _pose(way[end], to), limits)
+                poses = _pose(way[begin], yaw), _pose(way[end], to)
+                found = self._cross(*poses, limits, altitude if begin == 0 else None)
                 _check_near(found, piece)
             legs += found
             yaw = to
@@ -92,23 +101,30 @@ class GivenPath:
             raise RouteError(Refusal.OFF_PATH)
         return self._passed + int(here[0])
 
-    def _climb(self, start: PlanePose, goal: PlanePose, limits: Limits) -> list[Leg]:
+    def _cross(
+        self, start: PlanePose, goal: PlanePose, limits: Limits, altitude: float | None
+    ) -> list[Leg]:
         """Return the legs of a planned route between two places of the path."""
         try:
-            route = self._planner.plan(start, goal, limits)
+            route = self._planner.plan(start, goal, limits, altitude)
         except RouteError as error:
             raise RouteError(Refusal.PATH_BLOCKED) from error
         if not route.is_whole:
             raise RouteError(Refusal.PATH_BLOCKED)
         return list(route.legs)
 
-    def _pieces(self, way: Array) -> list[tuple[int, int, bool]]:
-        """Return parts of a way by first and last point, and whether each can be walked."""
+    def _pieces(self, way: Array, *, in_air: bool) -> list[tuple[int, int, bool]]:
+        """Return parts of a way by first and last point, and whether each can be walked.
+
+        The first one of a robot in the air is planned.
+        """
         blocked = _blocked(self._planner.grid(), way)
         along = _along(way)
         near = np.abs(along[:, None] - along[None, blocked]).min(axis=1, initial=math.inf) < _ROOM
         # A step is planned where both of its ends are near a slope.
         planned = near[:-1] & near[1:]
+        if in_air:
+            planned |= along[:-1] < _JUST_OFF
         changes = np.flatnonzero(np.diff(planned)) + 1
         ends = [0, *changes.tolist(), len(planned)]
         return [(begin, end, not planned[begin]) for begin, end in pairwise(ends)]

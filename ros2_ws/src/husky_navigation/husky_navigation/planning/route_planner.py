@@ -10,6 +10,7 @@ from husky_description.arrays import Array
 from husky_navigation.cells import Lattice
 from husky_navigation.frame_filter import LevelTransform
 from husky_navigation.planning.abilities import ABILITIES
+from husky_navigation.planning.air_layers import AirLayers, air_layers_of
 from husky_navigation.planning.planning_grid import PlanningGrid, grid_of
 from husky_navigation.planning.route import (
     Leg,
@@ -69,6 +70,7 @@ class RoutePlanner:
         self._abilities, self._costs = ABILITIES[robot], TravelCosts.load(robot)
         self._lock = threading.RLock()
         self._grid: PlanningGrid | None = None
+        self._air: AirLayers | None = None
         self._moves: dict[tuple[Limits, Prices], RouteGraph] = {}
 
     def merge(self, elevation: Array, lattice: Lattice, frame: LevelTransform) -> None:
@@ -90,17 +92,36 @@ class RoutePlanner:
                 self._grid = grid_of(self.world, self._abilities)
             return self._grid
 
-    def plan(self, start: PlanePose, goal: PlanePose, limits: Limits = NO_LIMITS) -> Route:
+    def air(self) -> AirLayers | None:
+        """Return the air over the ground, None for a robot that does not fly."""
+        with self._lock:
+            if self._air is None and self._abilities.fly is not None:
+                self._air = air_layers_of(self.grid(), self._abilities.fly)
+            return self._air
+
+    def plan(
+        self,
+        start: PlanePose,
+        goal: PlanePose,
+        limits: Limits = NO_LIMITS,
+        altitude: float | None = None,
+    ) -> Route:
         """Return the cheapest route; if the energy does not last for that, the one of least energy.
+
+        Args:
+            start: pose of the robot.
+            goal: where it can walk.
+            limits: of the route.
+            altitude: as of `find_route`.
 
         Raises:
             RouteError: there is none; says why.
-            ValueError: a pose is not finite, or there is no such mode.
+            ValueError: as of `find_route`, or there is no such mode.
         """
-        route = find_route(self._moves_at(limits, PRICES), start, goal)
+        route = find_route(self._moves_at(limits, PRICES), start, goal, altitude)
         if route.energy > limits.energy:
             thrifty = self._moves_at(limits, _ENERGY_ALONE)
-            route = find_route(thrifty, start, goal)
+            route = find_route(thrifty, start, goal, altitude)
         if route.energy > limits.energy:
             raise RouteError(Refusal.BATTERY)
         return route
@@ -122,5 +143,5 @@ class RoutePlanner:
 
     def _forget(self) -> None:
         """Forget what was made of the map."""
-        self._grid = None
+        self._grid = self._air = None
         self._moves.clear()

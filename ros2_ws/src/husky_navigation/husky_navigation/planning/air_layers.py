@@ -1,0 +1,200 @@
+"""Heights at which a robot may fly over a grid, where it may take off and land, and what it costs.
+
+A layer is one height of the base in `map`: over a step the robot flies as high as before it. Ground
+that was not seen is taken for low in the air, and hoped to be level where it lands.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from scipy import ndimage
+
+from husky_description.arrays import Array
+from husky_navigation.planning.abilities import FlyAbility
+from husky_navigation.planning.planning_grid import Cell, Indices, Mask, PlanningGrid
+from husky_navigation.planning.travel_costs import ONCE, SECOND, TravelCosts
+
+STRIDE = 2
+"""Planning cells from one place in the air to the next."""
+_HOLE = 3
+"""Planning cells along an edge of the smallest patch that counts as not seen: the map has holes."""
+_BESIDE = 2
+"""Places to each side among which a free one is looked for, of a robot in the air."""
+
+
+class AirLayers(NamedTuple):
+    """Air over places [i, j], each over the planning cell [STRIDE i, STRIDE j].
+
+    Attributes:
+        altitude: of the base in `map`, of each layer [m] (k,).
+        free: the robot may be there (k, m, m).
+        height: of the base over the ground, there [m] (k, m, m).
+        reach: from the ground below the robot may rise to there, and sink back (k, m, m).
+        lowest: altitude from which on the base is clear of the ground around, over each planning
+            cell; -inf where nothing was seen [m] (n, n).
+        known: ground was seen below (m, m).
+        ground: its height; that of the nearest take-off where there can be none [m] (m, m).
+        take_off: the robot may take off from each planning cell (n, n).
+        landing: it may land, on level ground that was seen (m, m).
+        hoped: it may if the ground that was not seen is level (m, m).
+    """
+
+    altitude: Array
+    free: Mask
+    height: Array
+    reach: Mask
+    lowest: Array
+    known: Mask
+    ground: Array
+    take_off: Mask
+    landing: Mask
+    hoped: Mask
+
+    def place(self, cell: Cell) -> Cell:
+        """Return the place next to a planning cell."""
+        i, j = (min(round(index / STRIDE), len(self.known) - 1) for index in cell)
+        return i, j
+
+    def is_open(self, layer: int, cells: tuple[Indices, Indices]) -> bool:
+        """Return whether the robot may fly over planning cells."""
+        return bool((self.lowest[cells] <= self.altitude[layer]).all())
+
+    def places_near(self, cell: Cell) -> tuple[Indices, Indices, Indices]:
+        """Return the free place [k, i, j] of each layer next to a planning cell, if one is near."""
+        i, j = self.place(cell)
+        found = np.zeros((0, 3), np.int64)
+        for layer, free in enumerate(self.free):
+            beside = np.argwhere(free) - (i, j)
+            beside = beside[(np.abs(beside) <= _BESIDE).all(axis=1)]
+            nearest = beside[np.argsort(np.hypot(*beside.T))[:1]] + (i, j)
+            found = np.append(found, np.insert(nearest, 0, layer, axis=1), axis=0)
+        layers, rows, columns = found.T
+        return layers, rows, columns
+
+
+def air_layers_of(grid: PlanningGrid, fly: FlyAbility) -> AirLayers:
+    """Return the air over a grid, in layers from which a robot may reach some of its ground.
+
+    Args:
+        grid: the ground.
+        fly: the robot's ability.
+    """
+    resolution, places = grid.lattice.resolution, np.s_[::STRIDE, ::STRIDE]
+    reach = math.ceil(fly.radius / resolution)
+    steps = np.arange(-reach, reach + 1) * resolution
+    disc = np.hypot(steps[:, None], steps[None, :]) <= fly.radius
+    top = np.where(grid.known, grid.top, -np.inf)
+    lowest: Array = fly.clearance + ndimage.maximum_filter(top, footprint=disc, mode="nearest")
+    turns = grid.free_all_ways
+    take_off = grid.known & turns & (grid.distance >= fly.radius)
+    may_land = (turns & (grid.distance >= fly.edge))[places]
+    seen = (_distance_to_unseen(grid) >= fly.edge)[places]
+    ground = _nearest(grid.height, take_off)[places]
+    altitude = _altitudes(grid.height[take_off], fly)
+    free = lowest[places] <= altitude[:, None, None]
+    height = altitude[:, None, None] - ground
+    return AirLayers(
+        altitude,
+        free,
+        height,
+        free & (height >= fly.clearance) & (height <= fly.most_altitude),
+        lowest,
+        grid.known[places],
+        ground,
+        take_off,
+        may_land & seen,
+        may_land & ~seen,
+    )
+
+
+def _distance_to_unseen(grid: PlanningGrid) -> Array:
+    """Return the distance of each planning cell from ground that was not seen [m]."""
+    seen = ~ndimage.binary_opening(~np.pad(grid.known, _HOLE), np.ones((_HOLE, _HOLE)))
+    distance: Array = ndimage.distance_transform_edt(seen) * grid.lattice.resolution
+    return distance[_HOLE:-_HOLE, _HOLE:-_HOLE]
+
+
+def _nearest(values: Array, cells: Mask) -> Array:
+    """Return the value of the nearest of some cells, for each cell; NaN without any."""
+    if not cells.any():
+        return np.full(cells.shape, np.nan)
+    at = ndimage.distance_transform_edt(~cells, return_distances=False, return_indices=True)
+    nearest: Array = values[tuple(at)]
+    return nearest
+
+
+def _altitudes(ground: Array, fly: FlyAbility) -> Array:
+    """Return the altitudes that may be flown at from and to heights of the ground [m]."""
+    if not ground.size:
+        return np.zeros(0)
+    least = math.ceil((float(ground.min()) + fly.clearance) / fly.spacing)
+    most = math.floor((float(ground.max()) + fly.most_altitude) / fly.spacing)
+    return fly.spacing * np.arange(least, most + 1, dtype=np.float64)
+
+
+class Spent(NamedTuple):
+    """Time [s] and energy [J] of parts of flights, arrays of one shape, () of a single one."""
+
+    time: Array
+    energy: Array
+
+
+_NOTHING = Spent(np.zeros(()), np.zeros(()))
+
+
+class FlightCosts:
+    """The cost of each part of a flight, by what was measured of one.
+
+    Attributes:
+        to_arms, to_legs: before it and behind it, on the ground.
+    """
+
+    def __init__(self, costs: TravelCosts, fly: FlyAbility) -> None:
+        """Look the measured costs up.
+
+        Raises:
+            LookupError: one of them is not there.
+        """
+        self._fly = fly
+        self.to_arms, self._take_off, self._land, self.to_legs = (
+            _once(costs, mode) for mode in ("to_arms", "take_off", "land", "to_legs")
+        )
+        self._power = costs.of("hover", SECOND).energy
+        self._metre = Spent._make(costs.per_metre("fly", fly.speed, np.zeros(())))
+
+    def take_off(self, height: Array) -> Spent:
+        """Return the cost up to heights of the base over the ground [m].
+
+        The measured take-off has risen by `FlyAbility.risen` already.
+        """
+        return self._hovering(self._beyond(height) / self._fly.rise_speed, self._take_off)
+
+    def change(self, by: float) -> Spent:
+        """Return the cost to rise in the air, to sink for less than 0 [m]."""
+        speed = self._fly.rise_speed if by > 0.0 else self._fly.sink_speed
+        return self._hovering(np.array(abs(by) / speed))
+
+    def way(self, length: float) -> Spent:
+        """Return the cost of a way at one altitude [m]."""
+        return Spent(length * self._metre.time, length * self._metre.energy)
+
+    def land(self, height: Array) -> Spent:
+        """Return the cost down from heights of the base over the ground [m]; see `take_off`."""
+        return self._hovering(self._beyond(height) / self._fly.sink_speed, self._land)
+
+    def _beyond(self, height: Array) -> Array:
+        """Return how much heights of the base over the ground exceed the measured one [m]."""
+        return height - self._fly.perched - self._fly.risen
+
+    def _hovering(self, time: Array, more: Spent = _NOTHING) -> Spent:
+        """Return the cost of times in the air [s], less than 0 for what `more` has too much."""
+        return Spent(more.time + time, more.energy + time * self._power)
+
+
+def _once(costs: TravelCosts, mode: str) -> Spent:
+    """Return the cost of a passage."""
+    cost = costs.of(mode, ONCE)
+    return Spent(np.array(cost.time), np.array(cost.energy))
