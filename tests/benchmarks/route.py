@@ -28,11 +28,12 @@ def bench(arguments: list[str]) -> dict[str, Any]:
     parser = argparse.ArgumentParser(prog="scripts/bench.sh route", formatter_class=HelpFormatter)
     parser.add_argument("--worlds", type=int, default=40, help="random worlds")
     parser.add_argument("--seed", type=int, default=0, help="of the first world")
+    parser.add_argument("--robot", choices=sorted(ABILITIES), default="carbon", help="its name")
     options = parser.parse_args(arguments)
     if options.worlds < 1:
         parser.error(f"--worlds is {options.worlds}, it must be 1 or more")
-    abilities, costs = ABILITIES["carbon"], TravelCosts.load("carbon")
-    times, climbs, unreached = [], 0, 0
+    abilities, costs = ABILITIES[options.robot], TravelCosts.load(options.robot)
+    times, climbs, flights, unreached = [], 0, 0, 0
     for seed in range(options.seed - 1, options.seed + options.worlds):
         world = random_world(np.random.default_rng(max(seed, options.seed)))
         seen = planner_of(world).world
@@ -51,6 +52,7 @@ def bench(arguments: list[str]) -> dict[str, Any]:
             continue  # the kernels are compiled or loaded
         times.append(np.diff(marks))
         climbs += "climb" in modes
+        flights += "fly" in modes
         unreached += not modes
     plain = _plain_search(grid.known.shape[0])
     times_of = {"plan": np.sum(times, axis=1), **dict(zip(_PARTS, np.array(times).T, strict=True))}
@@ -59,6 +61,7 @@ def bench(arguments: list[str]) -> dict[str, Any]:
         "cells": grid.known.size,
         "unreached": unreached,
         "with_climb": climbs,
+        "with_flight": flights,
         "plan_over_plain": float(np.median(times_of["plan"])) / plain,
         **{
             f"{part}_cpu_ms_p{percent}": 1e3 * float(np.percentile(values, percent))
