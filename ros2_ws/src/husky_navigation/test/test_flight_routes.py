@@ -11,7 +11,6 @@ from planned_ground import CARBON, costs, seen
 
 from husky_description.arrays import Array
 from husky_description.robot import load_robot
-from husky_navigation.frame_filter import LevelTransform
 from husky_navigation.planning.abilities import ABILITIES, FlyAbility
 from husky_navigation.planning.given_path import GivenPath
 from husky_navigation.planning.planning_grid import grid_of
@@ -275,8 +274,7 @@ def test_a_flight_needs_all_of_its_costs(gapped: RouteGraph, mode: str) -> None:
 def planner() -> RoutePlanner:
     """Return beta's planner beside a gap that goes all across its map, with the measured costs."""
     planner = RoutePlanner("beta")
-    world = seen(gap, cells=planner.world.lattice.cells)
-    planner.merge(world.elevation, world.lattice, LevelTransform())
+    planner.world = map_of(gap)
     return planner
 
 
@@ -294,7 +292,7 @@ def test_a_planner_knows_the_air_over_its_ground(planner: RoutePlanner) -> None:
     air = planner.air()
     assert air is not None
     assert planner.air() is air
-    cell = planner.world.lattice.cells // 4  # x = 0, at the edge
+    cell = len(air.lowest) // 2  # x = 0, at the edge
     assert air.lowest[cell, cell] == pytest.approx(fly().clearance)
     assert air.lowest[cell + 5, cell] == pytest.approx(STEP + fly().clearance)
     assert RoutePlanner("carbon").air() is None
