@@ -14,7 +14,8 @@ from husky_bringup.settings import HelpFormatter
 from husky_experiments.journey import planner_of
 from husky_navigation.planning.abilities import ABILITIES
 from husky_navigation.planning.planning_grid import grid_of
-from husky_navigation.planning.route import PlanePose, RouteError, find_route
+from husky_navigation.planning.route import PlanePose, RouteError
+from husky_navigation.planning.route_finder import find_route
 from husky_navigation.planning.route_search import RouteGraph
 from husky_navigation.planning.travel_costs import TravelCosts
 from husky_sim.random_world import random_world

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -10,12 +11,21 @@ from geometry_msgs.msg import PoseStamped
 from nav2_msgs.action import NavigateToPose
 
 from husky_bringup.system import ParameterValue
+from husky_experiments.morph_scripts import beta_settings
 from husky_experiments.session import Session, SessionError
 from husky_navigation.planning.route import PlanePose
 from husky_navigation.planning.route_planner import RoutePlanner
 from husky_runtime import graph
+from husky_sim.lab_world import lab_world
 from husky_sim.obstacle_world import ObstacleWorld
+from husky_sim.random_world import random_world
 
+OBSTACLES, LAB = "obstacles", "lab"
+WORLDS: dict[str, Callable[[np.random.Generator], ObstacleWorld]] = {
+    OBSTACLES: random_world,
+    LAB: lab_world,
+}
+"""Makers of random worlds, by the name of the plant's terrain."""
 _LOOK = 0.1
 """Simulated time between two looks: the navigator's period [s]."""
 
@@ -84,16 +94,21 @@ class Traveller:
         self.recoveries = int(message.feedback.number_of_recoveries)
 
 
-def obstacle_settings(seed: int, **plant: ParameterValue) -> dict[str, dict[str, ParameterValue]]:
-    """Return the parameters of Carbon with fans and eyes in the random world of a seed."""
-    mounting: dict[str, ParameterValue] = {"mounting": "vectoring"}
-    world: dict[str, ParameterValue] = {
-        "terrain": "obstacles",
-        "seed": seed,
-        "body": "robot_with_unit",
-        "camera": True,
-    }
-    return {graph.PLANT: {**world, **mounting, **plant}}
+def journey_settings(
+    seed: int, robot: str = "carbon", course: str = OBSTACLES
+) -> dict[str, dict[str, ParameterValue]]:
+    """Return the parameters of a robot that sees and has fans, in the random world of a seed.
+
+    Args:
+        seed: of the world and all sensor noise.
+        robot: `carbon`, or `beta`, whose legs become the arms of a quadrotor.
+        course: name of one of `WORLDS`.
+    """
+    plant: dict[str, ParameterValue] = {"terrain": course, "camera": True}
+    if robot == "beta":
+        return beta_settings(seed, plant=plant)
+    carbon: dict[str, ParameterValue] = {"mounting": "vectoring", "body": "robot_with_unit"}
+    return {graph.PLANT: {**plant, **carbon, "seed": seed}}
 
 
 def planner_of(world: ObstacleWorld, robot: str = "carbon") -> RoutePlanner:

@@ -14,7 +14,8 @@ from husky_description.robot import load_robot
 from husky_navigation.planning.abilities import ABILITIES, FlyAbility
 from husky_navigation.planning.given_path import GivenPath
 from husky_navigation.planning.planning_grid import grid_of
-from husky_navigation.planning.route import Leg, PlanePose, Refusal, Route, RouteError, find_route
+from husky_navigation.planning.route import Leg, PlanePose, Refusal, Route, RouteError
+from husky_navigation.planning.route_finder import find_route
 from husky_navigation.planning.route_planner import NO_LIMITS, Limits, RoutePlanner
 from husky_navigation.planning.route_search import RouteGraph
 from husky_navigation.planning.travel_costs import TravelCosts

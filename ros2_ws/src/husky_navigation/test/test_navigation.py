@@ -11,9 +11,11 @@ from planned_ground import CARBON, HIGH, Ridge, costs, grid_seen, level, wall
 
 from husky_description.arrays import Array
 from husky_navigation.following.ground_checks import Place
-from husky_navigation.following.navigation import Navigation, Outcome, RobotView, Wish
+from husky_navigation.following.navigation import Navigation, Outcome
+from husky_navigation.following.robot_wish import RobotView, Wish
 from husky_navigation.planning.planning_grid import PlanningGrid
-from husky_navigation.planning.route import PlanePose, Refusal, Route, RouteError, find_route
+from husky_navigation.planning.route import PlanePose, Refusal, Route, RouteError
+from husky_navigation.planning.route_finder import find_route
 from husky_navigation.planning.route_search import MODES, WALK, RouteGraph
 
 PERIOD = 0.1
@@ -32,21 +34,27 @@ class ObedientRobot:
         stalls: it goes nowhere.
         on_slope: it is refused to stand.
         blind: no map comes any more.
-        can_climb: no fan is lost.
+        has_fans: no fan is lost.
         energy: of the battery [J].
     """
 
     def __init__(self, grid: PlanningGrid, pose: PlanePose = START) -> None:
         self.grid, self.pose, self.mode = grid, pose, "stand"
         self.modes, self.stalls, self.on_slope, self.blind = ["stand"], False, False, False
-        self.can_climb, self.energy, self.plans = True, math.inf, 0
+        self.has_fans, self.energy, self.plans = True, math.inf, 0
         self._routes: dict[object, tuple[PlanningGrid, RouteGraph]] = {}
         self.time = self._asked_at = 0.0
         self.wish = Wish("stand")
 
-    def plan(self, start: PlanePose, goal: PlanePose, closed: tuple[Place, ...]) -> Route:
+    def plan(
+        self,
+        start: PlanePose,
+        goal: PlanePose,
+        closed: tuple[Place, ...],
+        altitude: float | None = None,
+    ) -> Route:
         self.plans += 1
-        modes = MODES if self.can_climb else (WALK,)
+        modes = MODES if self.has_fans else (WALK,)
         grid, routes = self._routes.get((modes, closed), (None, None))
         if grid is not self.grid or routes is None:
             routes = RouteGraph(self.grid, CARBON, costs(), modes=modes, closed=closed)
@@ -59,7 +67,7 @@ class ObedientRobot:
     def step(self, navigation: Navigation) -> None:
         """Make a step of the navigation, and do what it wants."""
         age = self.time if self.blind else 0.0
-        told = self.wish.fans, age, 0.0, self.can_climb, self.energy
+        told = self.wish.fans, age, 0.0, self.has_fans, self.energy
         view = RobotView(self.time, self.pose, self.mode, *told)
         wish = navigation.step(view, self.grid)
         self.time += PERIOD
@@ -243,7 +251,9 @@ def test_on_a_crest_without_a_way_it_waits_for_a_map_on_its_fans(ridged: Plannin
     robot = ObedientRobot(ridged, PlanePose(RIDGE.crest + 0.05, 0.0, 0.0))
     robot.mode, plans = "wair", list[int]()
 
-    def plan(start: PlanePose, goal: PlanePose, closed: tuple[Place, ...]) -> Route:
+    def plan(
+        start: PlanePose, goal: PlanePose, closed: tuple[Place, ...], _: float | None
+    ) -> Route:
         plans.append(1)
         if len(plans) == 1:
             raise RouteError(Refusal.NO_WAY)
@@ -263,7 +273,7 @@ def test_with_a_fan_lost_it_goes_back_down_the_slope(ridged: PlanningGrid) -> No
     robot = ObedientRobot(ridged, PlanePose(-5.0, 0.0, 0.0))
     navigation = Navigation([PlanePose(5.8, 0.6, 0.0)], robot.plan)
     robot.run_until(navigation, lambda: robot.mode == "wair" and robot.pose.x > -3.0)
-    robot.can_climb = False
+    robot.has_fans = False
     robot.run_until(navigation, lambda: robot.pose.x < -4.1)
     assert robot.mode == "wair"
     assert abs(robot.pose.yaw) < 0.1, "it comes down backwards"
@@ -335,7 +345,7 @@ def test_a_robot_that_is_stuck_on_its_way_back_is_stopped(ridged: PlanningGrid) 
     robot = ObedientRobot(ridged, PlanePose(-5.0, 0.0, 0.0))
     navigation = Navigation([PlanePose(5.8, 0.6, 0.0)], robot.plan)
     robot.run_until(navigation, lambda: robot.mode == "wair" and robot.pose.x > -3.0)
-    robot.can_climb, robot.stalls = False, True
+    robot.has_fans, robot.stalls = False, True
     robot.run(navigation, within=30.0)
     assert navigation.outcome is Outcome.STUCK
 

@@ -11,7 +11,8 @@ from planned_ground import CARBON, HIGH, Ridge, costs, grid_seen, level, wall
 from husky_description.arrays import Array
 from husky_navigation.planning.abilities import ABILITIES
 from husky_navigation.planning.planning_grid import PlanningGrid, heading_of
-from husky_navigation.planning.route import PlanePose, Refusal, RouteError, find_route
+from husky_navigation.planning.route import PlanePose, Refusal, RouteError
+from husky_navigation.planning.route_finder import find_route
 from husky_navigation.planning.route_search import Prices, RouteGraph
 from husky_navigation.planning.travel_costs import TravelCosts
 

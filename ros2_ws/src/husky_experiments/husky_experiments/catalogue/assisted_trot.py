@@ -34,9 +34,7 @@ def run(run: Run) -> None:
     run.require("falls", bare["falls"] + assisted["falls"], upper=0)
     if run.options.thrust >= 0.4:
         run.require("knee_torque_saved", lower=0.25)
-    run.require(
-        "roll_rms_ratio", assisted["roll_rms_deg"] / bare["roll_rms_deg"], upper=1.0
-    )
+    run.require("roll_rms_ratio", assisted["roll_rms_deg"] / bare["roll_rms_deg"], upper=1.0)
     run.illustrate("assisted")
 
 

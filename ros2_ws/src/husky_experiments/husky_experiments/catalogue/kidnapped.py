@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from std_srvs.srv import Trigger
 
-from husky_experiments.journey import Traveller, obstacle_settings, planner_of
+from husky_experiments.journey import Traveller, journey_settings, planner_of
 from husky_experiments.metrics.walking import has_fallen, lowest_upright
 from husky_experiments.run import Run
 from husky_experiments.scripts import stand_up
@@ -113,7 +113,7 @@ def run(run: Run) -> None:
     world = random_world(np.random.default_rng(options.seed))
     goals = {"free": _free_goal(world), "wall": _wall_goal(world), "far": _FAR}
     lowest = lowest_upright(run.robot())
-    settings, falls = obstacle_settings(options.seed), 0
+    settings, falls = journey_settings(options.seed), 0
     expected = 40.0 * len(options.cases)
     with run.session(settings, expected=expected) as session:
         stand_up(session)

@@ -1,4 +1,8 @@
-"""Send Carbon to the goals of random worlds: slopes, ditches, walls, crates; it sees for itself."""
+"""Send a robot to the goals of random worlds by what it sees for itself.
+
+Carbon walks and climbs among slopes, ditches, walls and crates; Husky-beta walks around the boxes
+of the lab's worlds, or flies over them.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +13,14 @@ from dataclasses import asdict, dataclass, fields
 
 import numpy as np
 
-from husky_experiments.journey import Traveller, obstacle_settings, planner_of
+from husky_experiments.journey import (
+    LAB,
+    OBSTACLES,
+    WORLDS,
+    Traveller,
+    journey_settings,
+    planner_of,
+)
 from husky_experiments.metrics.cycle import energy_over
 from husky_experiments.metrics.walking import has_fallen, lowest_upright
 from husky_experiments.run import Run
@@ -19,14 +30,15 @@ from husky_experiments.steering import heading_of
 from husky_navigation.planning.route import PlanePose, Route, RouteError
 from husky_navigation.planning.route_planner import Limits
 from husky_navigation.planning.route_search import MODES, WALK
-from husky_sim.random_world import random_world
 
 _LONGEST = 300.0
 """Simulated time that a world may take [s]."""
 _LOOKING = 2.0
 """Time to look at the ground before the goal is sent [s]."""
-_NEAR, _TURNED = 0.2, 0.3
-"""Distance [m] and angle [rad] from the goal within which it is reached."""
+_REACHED_WITHIN = {OBSTACLES: (0.2, 0.3), LAB: (0.15, 0.5)}
+"""Distance [m] and angle [rad] from the goal within which it is reached, on each course."""
+_COURSES = {"carbon": OBSTACLES, "beta": LAB}
+"""On which a robot is sent if nothing else is asked for."""
 _REACHED = 0.9
 """Share of the worlds in which it must be."""
 _DEARER = 1.2
@@ -38,7 +50,7 @@ class Visit:
     """One world, and how it went."""
 
     seed: int
-    barrier: bool  # the only way leads over a ridge
+    barrier: bool  # no way leads to the goal on level ground
     reached: bool
     fell: bool
     said: str  # by the navigator, of another end
@@ -48,7 +60,7 @@ class Visit:
     time_s: float
     energy_j: float
     best_j: float  # of the best route on the true map
-    best_walking_j: float  # without climbs; inf where no way leads
+    best_walking_j: float  # of the best walk alone; inf where no way leads
 
     @property
     def summary(self) -> str:
@@ -59,7 +71,10 @@ class Visit:
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Declare worlds and seed."""
+    """Declare robot, course, worlds and seed."""
+    parser.add_argument("--robot", choices=tuple(_COURSES), default="carbon")
+    what = "random worlds (default: obstacles for carbon, lab for beta)"
+    parser.add_argument("--course", choices=tuple(WORLDS), help=what)
     parser.add_argument("--worlds", type=int, default=20, help="how many (default: 20)")
     parser.add_argument("--seed", type=int, default=0, help="of the first world and its noise")
 
@@ -69,9 +84,10 @@ def run(run: Run) -> None:
     options = run.options
     if options.worlds < 1:
         raise SessionError(f"--worlds is {options.worlds}, it must be 1 or more")
+    course = options.course or _COURSES[options.robot]
     visits, references = [], []
     for seed in range(options.seed, options.seed + options.worlds):
-        reference = Reference(seed)
+        reference = Reference(seed, options.robot, course)
         visit = _visit(run, reference)
         visits.append(visit)
         references.append(reference)
@@ -84,7 +100,7 @@ def run(run: Run) -> None:
     run.metrics |= {
         "worlds": len(visits),
         "with_barrier": sum(visit.barrier for visit in visits),
-        "out_of_reach_without_climb": sum(math.isinf(visit.best_walking_j) for visit in visits),
+        "out_of_reach_walking": sum(math.isinf(visit.best_walking_j) for visit in visits),
         "reached_with_barrier": sum(visit.barrier for visit in reached),
     }
     run.require("falls", sum(visit.fell for visit in visits), upper=0)
@@ -113,17 +129,19 @@ class Reference:
 
     Attributes:
         seed: of the world.
-        barrier: the only way leads over a ridge.
+        robot, course: their names.
+        barrier: no way leads to the goal on level ground.
         goal: of the robot.
         planner: has seen all ground.
-        best, best_walking: cheapest routes with all modes, and without climbs; None for none.
+        best, best_walking: cheapest routes with all modes, and by a walk alone; None for none.
     """
 
-    def __init__(self, seed: int) -> None:
+    def __init__(self, seed: int, robot: str, course: str) -> None:
         """Plan on the true map."""
-        world = random_world(np.random.default_rng(seed))
-        self.seed, self.barrier, self.goal = seed, world.barrier, PlanePose(*world.goal)
-        self.planner = planner_of(world)
+        world = WORLDS[course](np.random.default_rng(seed))
+        self.seed, self.robot, self.course = seed, robot, course
+        self.barrier, self.goal = world.barrier, PlanePose(*world.goal)
+        self.planner = planner_of(world, robot)
         self.best, self.best_walking = (self._route(modes) for modes in (MODES, (WALK,)))
 
     def _route(self, modes: tuple[str, ...]) -> Route | None:
@@ -136,7 +154,8 @@ class Reference:
 def _visit(run: Run, reference: Reference) -> Visit:
     """Go through one world."""
     seed, goal, label = reference.seed, reference.goal, _label(reference.seed)
-    with run.session(obstacle_settings(seed), label=label, expected=100.0) as session:
+    settings = journey_settings(seed, reference.robot, reference.course)
+    with run.session(settings, label=label, expected=100.0) as session:
         stand_up(session)
         session.advance(_LOOKING)
         traveller, start = Traveller(session), session.time
@@ -149,10 +168,11 @@ def _visit(run: Run, reference: Reference) -> Visit:
     at, q = truth.pose.pose.position, truth.pose.pose.orientation
     distance = math.hypot(at.x - goal.x, at.y - goal.y)
     angle = abs(math.remainder(heading_of((q.x, q.y, q.z, q.w)) - goal.yaw, 2.0 * math.pi))
+    near, turned = _REACHED_WITHIN[reference.course]
     return Visit(
         seed=seed,
         barrier=reference.barrier,
-        reached=not fell and distance <= _NEAR and angle <= _TURNED,
+        reached=not fell and distance <= near and angle <= turned,
         fell=fell,
         said=said,
         recoveries=traveller.recoveries,

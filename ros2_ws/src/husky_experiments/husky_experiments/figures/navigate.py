@@ -18,7 +18,7 @@ from husky_navigation.planning.route_planner import RoutePlanner
 
 _COLUMNS, _SIZE = 4, 4.5
 """Worlds in a row, and the size of each in the figure [inch]."""
-_COLOURS = {"wair": "tab:orange", "walk": "tab:blue"}
+_COLOURS = {"wair": "tab:orange", "walk": "tab:blue", "quadrotor": "tab:purple"}
 """Of the way, by the controller's mode."""
 _VIEW = (-2.0, 11.0), (-6.5, 6.5)
 """Ground that is drawn: x and y [m]."""
@@ -52,7 +52,9 @@ def draw_journeys(journeys: Sequence[Journey], directory: Path) -> Path:
     columns = min(_COLUMNS, len(journeys))
     rows = math.ceil(len(journeys) / columns)
     size = _SIZE * columns, _SIZE * rows + 0.5
-    figure, axes = make_figure(rows, columns, "Journeys: orange climbed, blue walked", size)
+    figure, axes = make_figure(
+        rows, columns, "Journeys: blue walked, orange climbed, purple flown", size
+    )
     for axis in axes.flat[len(journeys) :]:
         axis.set_axis_off()
     for axis, journey in zip(axes.flat, journeys, strict=False):

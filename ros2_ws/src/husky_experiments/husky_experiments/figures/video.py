@@ -285,9 +285,7 @@ def _frames(
             axes = body.xmat.reshape(3, 3)
             thrust, above = axes @ fans.force[row], body.xpos + _OVER_BASE * axes[:, 2]
             if np.linalg.norm(thrust) > _MINIMUM_FORCE:
-                add_arrow(
-                    scene, above, above + _FORCE_SCALE * thrust, _FORCE_WIDTH, _THRUST_COLOUR
-                )
+                add_arrow(scene, above, above + _FORCE_SCALE * thrust, _FORCE_WIDTH, _THRUST_COLOUR)
 
         yield captions.write(canvas.draw(data, add_forces), time)
 

@@ -7,8 +7,10 @@ import math
 import numpy as np
 
 from husky_navigation.following.leg_follower import PATH_STEP, LegFollower
-from husky_navigation.planning.planning_grid import PlanningGrid, heading_of
+from husky_navigation.planning.air_layers import STRIDE, AirLayers
+from husky_navigation.planning.planning_grid import PlanningGrid, cells_between, heading_of
 from husky_navigation.planning.route import Leg, PlanePose, Route
+from husky_navigation.planning.route_search import CLIMB, FLY
 
 SIGHT = 0.7, 1.0
 """Ground ahead of the base that must have been seen, from and to [m]; nearer the camera of a robot
@@ -20,6 +22,8 @@ behind it [m].
 """
 _SAME_PLACE = 1.0
 """Distance between two places from which the same slope is seen [m]."""
+_LOWER = 0.1
+"""How much lower than was planned a robot may pass over what was seen: the map has noise [m]."""
 _LEAVING = 0.5
 """Way within which a robot leaves an obstacle that it is too near to [m]."""
 
@@ -31,7 +35,7 @@ def needs_a_look(route: Route, place: Place) -> bool:
     """Return whether a route climbs from a place where too little of the slope is seen."""
     for leg in route.legs:
         away = math.hypot(leg.points[0, 0] - place[0], leg.points[0, 1] - place[1])
-        if not leg.is_seen and away < _SAME_PLACE:
+        if leg.mode == CLIMB and not leg.is_seen and away < _SAME_PLACE:
             return True
     return False
 
@@ -96,3 +100,44 @@ def has_room_behind(grid: PlanningGrid, pose: PlanePose, way: float) -> bool:
     cell = grid.lattice.index_of(*place_ahead(pose, -way))
     heading = int(heading_of(pose.yaw))
     return cell is not None and bool(grid.known[cell] and grid.free[heading, *cell])
+
+
+# In the air ---------------------------------------------------------------------------------------
+def air_is_blocked(
+    grid: PlanningGrid, air: AirLayers, follower: LegFollower, altitude: float
+) -> bool:
+    """Return whether something too high was seen on what is left of a flight at an altitude [m]."""
+    cells = (grid.lattice.index_of(x, y) for x, y, _ in follower.ahead())
+    return any(cell is not None and air.lowest[cell] > altitude + _LOWER for cell in cells)
+
+
+def may_land(grid: PlanningGrid, air: AirLayers, pose: PlanePose) -> bool:
+    """Return whether a robot may land where it is: level ground was seen all around."""
+    cell = grid.lattice.index_of(pose.x, pose.y)
+    if cell is None:
+        return False
+    i, j = (slice(max(0, index // STRIDE - 1), index // STRIDE + 2) for index in cell)
+    return bool(air.landing[i, j].any())
+
+
+def nearest_landing(
+    grid: PlanningGrid, air: AirLayers, pose: PlanePose, altitude: float
+) -> Leg | None:
+    """Return the straight way to the nearest place to land, None where none was seen.
+
+    Args:
+        grid: the ground.
+        air: over it.
+        pose: of the robot.
+        altitude: at which it flies; the way is higher where something on it is too high [m].
+    """
+    here = grid.lattice.index_of(pose.x, pose.y)
+    places = np.argwhere(air.landing)
+    if here is None or len(places) == 0:
+        return None
+    i, j = places[np.argmin(np.hypot(*(STRIDE * places - here).T))]
+    end = STRIDE * int(i), STRIDE * int(j)
+    least = float(air.lowest[cells_between(here, end)].max())
+    top = altitude if least <= altitude + _LOWER else least
+    points, ground = np.array((pose[:2], grid.centre(end))), float(air.ground[i, j])
+    return Leg(FLY, points, pose.yaw, 0.0, 0.0, altitude=top, ground=ground)

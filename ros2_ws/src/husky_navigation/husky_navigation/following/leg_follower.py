@@ -9,7 +9,7 @@ import numpy as np
 
 from husky_description.arrays import Array
 from husky_navigation.planning.route import Leg, PlanePose
-from husky_navigation.planning.route_search import CLIMB
+from husky_navigation.planning.route_search import CLIMB, FLY
 
 _AHEAD = 0.5
 """Way along the leg at which a walking robot aims [m]."""
@@ -69,7 +69,9 @@ class LegFollower(Protocol):
 
 def follower_of(leg: Leg, pace: Pace) -> LegFollower:
     """Return the follower of a leg."""
-    return ClimbFollower(leg, pace) if leg.mode == CLIMB else WalkFollower(leg, pace)
+    if leg.mode == CLIMB:
+        return ClimbFollower(leg, pace)
+    return FlightFollower(leg, pace) if leg.mode == FLY else WalkFollower(leg, pace)
 
 
 class WalkFollower:
@@ -135,6 +137,21 @@ class WalkFollower:
         """Return the places at ways along the leg [m] (..., 2)."""
         x, y = self._leg.points.T
         return np.stack([np.interp(way, self._distance, each) for each in (x, y)], axis=-1)
+
+
+class FlightFollower(WalkFollower):
+    """Follows corners in the air: it may go sideways, but sees only ahead and so turns there."""
+
+    def _arrive(self, pose: PlanePose) -> VelocityCommand | None:
+        """Return the velocity that takes the robot over the end of the leg, None where it is."""
+        end, pace = self._leg.points[-1], self._pace
+        dx, dy, turn = end[0] - pose.x, end[1] - pose.y, _angle(self._leg.yaw - pose.yaw)
+        distance, direction = math.hypot(dx, dy), math.atan2(dy, dx) - pose.yaw
+        if distance <= pace.place and abs(turn) <= pace.heading:
+            return None
+        speed = min(pace.sideways, _SLOWING * distance)
+        forward, left = speed * math.cos(direction), speed * math.sin(direction)
+        return VelocityCommand(forward, left, _limited(_TURN_GAIN * turn, pace.turn))
 
 
 class ClimbFollower:

@@ -9,18 +9,20 @@ import enum
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
 from husky_navigation.following.ground_checks import (
     SIGHT,
     Place,
+    air_is_blocked,
     can_climb_on,
     can_walk,
     has_room_behind,
     is_blocked,
     is_seen,
+    may_land,
+    nearest_landing,
     needs_a_look,
     place_ahead,
 )
@@ -30,24 +32,38 @@ from husky_navigation.following.leg_follower import (
     VelocityCommand,
     follower_of,
 )
+from husky_navigation.following.robot_wish import (
+    MODE_OF,
+    PERCH,
+    QUADROTOR,
+    SPLAY,
+    STAND,
+    TROT,
+    WAIR,
+    RobotView,
+    Wish,
+    wish_of,
+)
+from husky_navigation.planning.air_layers import AirLayers
 from husky_navigation.planning.planning_grid import PlanningGrid
 from husky_navigation.planning.route import Leg, PlanePose, Refusal, Route, RouteError
-from husky_navigation.planning.route_search import CLIMB, WALK
+from husky_navigation.planning.route_search import CLIMB, FLY, WALK
 
-STAND, TROT, WAIR = "stand", "walk", "wair"
-"""Modes of the controller."""
-MODE_OF = {WALK: TROT, CLIMB: WAIR}
-"""Mode of the controller in which a leg is gone."""
 PACES = {
     WALK: Pace(forward=0.4, sideways=0.12, turn=0.5, place=0.06, heading=0.08),
     CLIMB: Pace(forward=0.25, sideways=0.0, turn=0.2, place=0.0, heading=0.0),
+    FLY: Pace(forward=0.48, sideways=0.3, turn=0.4, place=0.1, heading=0.1),
 }
-_BEGINS_IN = ("stand_up", STAND, TROT, WAIR)
+_BEGINS_IN = ("stand_up", STAND, TROT, WAIR, PERCH, SPLAY, QUADROTOR)
 """Modes in which a robot can be sent somewhere."""
 _CHANGING = 12.0
 """Longest time that a change of the mode takes, fans included [s]."""
 _STOPPING = 4.0
 """Longest time until the robot stands; on a slope it stays in mode `wair` [s]."""
+_IN_THE_AIR = 40.0
+"""Longest time from the take-off to the height of a flight, or from there to the ground [s]."""
+_NEAR_TOP = 0.08
+"""Below the height of a flight at which it sets out [m]."""
 _PROGRESS, _PATIENCE = 0.1, 8.0
 """Way that the robot makes in a time, or it is stuck [m, s]."""
 _MOST_BEGUN = 15
@@ -76,46 +92,6 @@ _LONG = 1.0
 """Length of a leg after which the way is planned anew, as more is seen by then [m]."""
 
 
-class RobotView(NamedTuple):
-    """Report of the robot.
-
-    Attributes:
-        time: simulated or wall time [s].
-        pose: of the base in `map`.
-        mode: of the controller.
-        fans_ready: armed, and they follow the controller.
-        map_age: time since the newest map of the ground [s].
-        speed: of the base [m/s].
-        can_climb: there are fans, and none is lost.
-        energy: that the battery has for the way [J].
-        waits: for an answer to something that it was asked for.
-    """
-
-    time: float
-    pose: PlanePose
-    mode: str
-    fans_ready: bool
-    map_age: float = 0.0
-    speed: float = 0.0
-    can_climb: bool = True
-    energy: float = math.inf
-    waits: bool = False
-
-
-class Wish(NamedTuple):
-    """Request to the robot.
-
-    Attributes:
-        mode: of the controller.
-        fans: to be armed and handed to the controller.
-        velocity: of the base.
-    """
-
-    mode: str
-    fans: bool = False
-    velocity: VelocityCommand = VelocityCommand()
-
-
 class Outcome(enum.Enum):
     """Ends of a navigation."""
 
@@ -141,9 +117,9 @@ class _Phase(enum.Enum):
     END = "ended"
 
 
-Planner = Callable[[PlanePose, PlanePose, tuple[Place, ...]], Route]
-"""Returns the route from a pose to a goal that keeps off places which cannot be seen; raises
-RouteError.
+Planner = Callable[[PlanePose, PlanePose, tuple[Place, ...], float | None], Route]
+"""Returns the route from a pose to a goal that keeps off places which cannot be seen, of a robot
+in the air from its height [m]; raises RouteError.
 """
 
 
@@ -177,6 +153,9 @@ class Navigation:
         self._index = 0
         self._follower: LegFollower | None = None
         self._began = self._turned_back = self._is_on_slope = False
+        self._has_landed = self._has_climbed = self._comes_down = False
+        self._mode = ""
+        self._air: AirLayers | None = None
         self._since = 0.0
         self._seen_at = self._moves_since = self._planned_at = 0.0
         self._looked_from: Place | None = None
@@ -223,8 +202,17 @@ class Navigation:
         share = follower.left / leg.length if follower and leg.length > 0.0 else 1.0
         return sum(amount(each) for each in route.legs[index + 1 :]) + max(0.0, share) * amount(leg)
 
-    def step(self, view: RobotView, grid: PlanningGrid) -> Wish | None:
-        """Return what the robot is asked for now, None: nothing, for it has ended."""
+    def step(
+        self, view: RobotView, grid: PlanningGrid, air: AirLayers | None = None
+    ) -> Wish | None:
+        """Return what the robot is asked for now, None: nothing, for it has ended.
+
+        Args:
+            view: of the robot.
+            grid: the ground as it is known now.
+            air: over it; None for a robot that does not fly.
+        """
+        self._air = air
         self._look_at_mode(view)
         if self.outcome is not None:
             return None
@@ -239,15 +227,13 @@ class Navigation:
             return self._follow(view, grid)
         if self._phase is _Phase.RECOVER:
             return self._recover(view, grid)
-        stands = view.mode == STAND and not view.waits
-        if self._phase is _Phase.STOP and (stands or self._waits(view, _STOPPING)):
-            self.finish(self._ending or Outcome.STOPPED, self.reason)
-        return Wish(STAND)
+        return self._stand(view, grid)
 
     def stop(self, view: RobotView, outcome: Outcome, reason: str = "") -> None:
         """Stop the robot, then end."""
         if self.outcome is None and self._phase is not _Phase.STOP:
             self._ending, self.reason = outcome, reason or outcome.value
+            self._comes_down = False
             self._enter(_Phase.STOP, view)
 
     def finish(self, outcome: Outcome, reason: str = "") -> None:
@@ -267,7 +253,10 @@ class Navigation:
         return view.time > self._since + most
 
     def _look_at_mode(self, view: RobotView) -> None:
-        """End where the robot is in a mode in which it goes nowhere."""
+        """End where the robot is in a mode in which it goes nowhere; each mode has its own time."""
+        if view.mode != self._mode and self._phase in (_Phase.CHANGE, _Phase.STOP):
+            self._since = view.time
+        self._mode = view.mode
         if view.mode in _BEGINS_IN:
             self._began = True
         elif self._began:
@@ -281,7 +270,8 @@ class Navigation:
         while True:
             try:
                 goal = self._goals[self.reached]
-                self.route = self._plan(view.pose, goal, self._closed)
+                altitude = view.height if view.mode == QUADROTOR else None
+                self.route = self._plan(view.pose, goal, self._closed, altitude)
             except RouteError as error:
                 if error.off_slope is None or not self._may_try_again():
                     self.refusal = error.refusal
@@ -311,7 +301,7 @@ class Navigation:
                 self._enter(_Phase.PLAN, view)
             return
         self._follower = follower_of(leg, PACES[leg.mode])
-        self._enter(_Phase.CHANGE if leg.is_seen else _Phase.LOOK, view)
+        self._enter(_Phase.LOOK if leg.mode == CLIMB and not leg.is_seen else _Phase.CHANGE, view)
 
     def _look_at_goal(self, view: RobotView, route: Route) -> None:
         """Plan again from beside a goal around which too little was seen; else look around."""
@@ -324,34 +314,48 @@ class Navigation:
     def _look(self, view: RobotView) -> Wish:
         """Wait for a map of what is ahead, then plan again."""
         if view.time - view.map_age > self._since + _AFTER:
-            self._looked_from = view.pose[:2]
+            if not self._has_climbed:
+                self._looked_from = view.pose[:2]
+            self._has_climbed = False
             self._enter(_Phase.PLAN, view)
         elif self._waits(view, _LOOKING):
             self._give_up(view, Outcome.UNSEEN)
-        return Wish(WAIR, fans=True) if view.mode == WAIR else Wish(TROT)
+        if view.mode in (WAIR, QUADROTOR):
+            return Wish(view.mode, fans=True)
+        return Wish(TROT)
 
     def _change(self, view: RobotView, grid: PlanningGrid) -> Wish:
         """Wait for the mode of the leg."""
         assert self.leg is not None
-        mode = MODE_OF[self.leg.mode]
-        wish = Wish(mode, mode == WAIR)
-        if view.mode == mode and (view.fans_ready or not wish.fans):
+        wish = wish_of(self.leg, view)
+        if self._is_ready(self.leg, view):
+            if self._has_landed:
+                self._has_landed = False
+                self._enter(_Phase.PLAN, view)
+                return wish
             self._enter(_Phase.FOLLOW, view)
             return self._follow(view, grid)
-        if self._waits(view, _CHANGING):
-            self._give_up(view, Outcome.NOT_CHANGED, f"{Outcome.NOT_CHANGED.value} {mode}")
+        if self._waits(view, _IN_THE_AIR if view.mode == QUADROTOR else _CHANGING):
+            self._give_up(view, Outcome.NOT_CHANGED, f"{Outcome.NOT_CHANGED.value} {wish.mode}")
         return wish
+
+    def _is_ready(self, leg: Leg, view: RobotView) -> bool:
+        """Return whether the robot can begin a leg."""
+        if leg.mode == FLY:
+            return view.mode == QUADROTOR and view.height > leg.altitude - _NEAR_TOP
+        return view.mode == MODE_OF[leg.mode] and (view.fans_ready or leg.mode != CLIMB)
 
     def _follow(self, view: RobotView, grid: PlanningGrid) -> Wish:
         leg, follower = self.leg, self._follower
         assert leg is not None and follower is not None
-        mode = MODE_OF[leg.mode]
-        if view.mode != mode:  # a silent command let it stand
+        if view.mode != MODE_OF[leg.mode]:  # a silent command let it stand
             self._enter(_Phase.CHANGE, view)
             self._begin_again(view)
-            return Wish(mode, mode == WAIR)
+            return wish_of(leg, view)
         if leg.mode == CLIMB:
             return self._climb(view, grid, leg, follower)
+        if leg.mode == FLY:
+            return self._fly(view, grid, leg, follower)
         return self._walk(view, grid, leg, follower)
 
     def _walk(self, view: RobotView, grid: PlanningGrid, leg: Leg, follower: LegFollower) -> Wish:
@@ -365,7 +369,7 @@ class Navigation:
             self._begin_again(view)
             if self._planned_at == view.time or self._phase is not _Phase.PLAN:
                 return Wish(TROT)
-            return self.step(view, grid) or Wish(STAND)
+            return self.step(view, grid, self._air) or Wish(STAND)
         sees = view.map_age < _OLD and is_seen(grid, view.pose, follower.left)
         if velocity.forward > 0.0 and not sees:
             if view.time > self._seen_at + _LOOKING:
@@ -392,10 +396,60 @@ class Navigation:
         if view.map_age < _OLD and can_climb_on(grid, leg, view.pose):
             self._seen_at = view.time
         in_vain = view.time - self._seen_at
-        if in_vain > _LOOKING or not (view.can_climb or leg.downwards) or self._is_stuck(view):
+        if in_vain > _LOOKING or not (view.has_fans or leg.downwards) or self._is_stuck(view):
             self._turn_back(leg, view)
             return Wish(WAIR, fans=True)
         return Wish(WAIR, True, velocity if in_vain < _HESITATION else VelocityCommand())
+
+    def _fly(self, view: RobotView, grid: PlanningGrid, leg: Leg, follower: LegFollower) -> Wish:
+        """Fly on; land where the ground turns out to be fit for it, else look and plan again."""
+        assert self._air is not None
+        hover, velocity = wish_of(leg, view), follower.command(view.pose)
+        if velocity is None:
+            if may_land(grid, self._air, view.pose):
+                self._end_leg(view, leg)
+            else:
+                x, y = leg.points[-1].tolist()
+                self._closed = (*self._closed, (x, y))
+                self._give_up(view, Outcome.UNSEEN)
+            return hover
+        if air_is_blocked(grid, self._air, follower, leg.altitude) or self._needs_another(view):
+            self._enter(_Phase.PLAN, view)
+            self._begin_again(view)
+            return hover
+        if view.map_age > _OLD:  # ground that it flies over may be hidden, what is high is not
+            if view.time > self._seen_at + _LOOKING:
+                self._give_up(view, Outcome.UNSEEN)
+            return hover
+        self._seen_at = view.time
+        if self._is_stuck(view):
+            self._give_up(view, Outcome.STUCK)
+            return hover
+        return hover._replace(velocity=velocity)
+
+    def _stand(self, view: RobotView, grid: PlanningGrid) -> Wish:
+        """Come to rest on the legs: a robot in the air goes where it may land first."""
+        if view.mode == QUADROTOR and not self._comes_down:
+            refuge = self._refuge(view, grid)
+            if refuge is not None:
+                wish = wish_of(refuge, view)
+                if view.height < refuge.altitude - _NEAR_TOP:
+                    return wish
+                velocity = follower_of(refuge, PACES[FLY]).command(view.pose)
+                return wish._replace(velocity=velocity or VelocityCommand())
+            self._comes_down = True
+        stands = view.mode == STAND and not view.waits
+        most = {QUADROTOR: _IN_THE_AIR, SPLAY: _CHANGING, PERCH: _CHANGING}
+        if stands or self._waits(view, most.get(view.mode, _STOPPING)):
+            self.finish(self._ending or Outcome.STOPPED, self.reason)
+        return Wish(STAND)
+
+    def _refuge(self, view: RobotView, grid: PlanningGrid) -> Leg | None:
+        """Return the way to the nearest place to land; None for here, or where there is none."""
+        assert self._air is not None
+        if may_land(grid, self._air, view.pose) or self._waits(view, _IN_THE_AIR):
+            return None
+        return nearest_landing(grid, self._air, view.pose, view.height)
 
     def _turn_back(self, leg: Leg, view: RobotView) -> None:
         """Lead the robot back to where a climb began, backwards."""
@@ -414,7 +468,13 @@ class Navigation:
         if leg.length > _LONG and not self._turned_back:
             self._tries = 0
         self._turned_back = False
-        if leg.mode == CLIMB or (self.leg is not None and leg.length > _LONG):
+        if leg.mode == FLY:  # it lands, then plans again
+            self._has_landed = True
+            self._begin_leg(view)
+        elif leg.mode == CLIMB:  # the newest map was made on the slope
+            self._has_climbed = True
+            self._enter(_Phase.LOOK, view)
+        elif self.leg is not None and leg.length > _LONG:
             self._enter(_Phase.PLAN, view)
         else:
             self._begin_leg(view)
@@ -422,8 +482,8 @@ class Navigation:
     def _needs_another(self, view: RobotView) -> bool:
         """Return whether the battery or a lost fan forbids the rest of the route."""
         assert self.route is not None
-        if not view.can_climb and any(
-            leg.mode == CLIMB for leg in self.route.legs[self._index + 1 :]
+        if not view.has_fans and any(
+            leg.mode != WALK for leg in self.route.legs[self._index + 1 :]
         ):
             return True
         return self.energy_left > view.energy and view.time > self._planned_at + _OFTEN
@@ -449,14 +509,15 @@ class Navigation:
     def _give_up(self, view: RobotView, outcome: Outcome, reason: str = "") -> None:
         """Recover, or stop where that was tried often enough or would not help.
 
-        On a slope it waits for another map: it neither steps back nor turns there.
+        On a slope and in the air it waits for another map: it neither steps back nor turns there.
         """
         helpless = outcome is Outcome.NO_ROUTE and self.refusal not in _MAY_CHANGE
         if helpless or not self._may_try_again():
             self.stop(view, outcome, reason)
             return
         self._follower = None
-        self._enter(_Phase.LOOK if self._is_on_slope else _Phase.RECOVER, view)
+        waits = self._is_on_slope or view.mode == QUADROTOR
+        self._enter(_Phase.LOOK if waits else _Phase.RECOVER, view)
 
     def _begin_again(self, view: RobotView) -> None:
         """Count that the robot plans or changes the mode anew; too often without a way is stuck."""

@@ -25,7 +25,8 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from husky_navigation.following.navigation import Navigation, Outcome, RobotView
+from husky_navigation.following.navigation import Navigation, Outcome
+from husky_navigation.following.robot_wish import RobotView
 from husky_navigation.nodes.route_messages import pose_message
 from husky_navigation.planning.route import PlanePose, Refusal, Route, RouteError
 from husky_runtime import graph

@@ -1,4 +1,4 @@
-"""Node `navigator`: leads the robot to goals in `map`, walking and climbing."""
+"""Node `navigator`: leads the robot to goals in `map`, walking, climbing and flying."""
 
 from __future__ import annotations
 
@@ -26,7 +26,8 @@ from husky_description.rotation import Quaternion, Vector
 from husky_description.sections import BatterySection
 from husky_msgs.msg import ControllerState, NavigatorState, PropulsionState
 from husky_navigation.following.ground_checks import Place
-from husky_navigation.following.navigation import Navigation, Outcome, RobotView
+from husky_navigation.following.navigation import Navigation, Outcome
+from husky_navigation.following.robot_wish import SPLAY, RobotView
 from husky_navigation.frame_filter import LevelTransform, heading_between
 from husky_navigation.nodes.map_messages import elevation_of
 from husky_navigation.nodes.navigation_actions import Errand, NavigationActions
@@ -36,7 +37,7 @@ from husky_navigation.planning.given_path import GivenPath
 from husky_navigation.planning.planning_grid import PlanningGrid
 from husky_navigation.planning.route import PlanePose, Route
 from husky_navigation.planning.route_planner import Limits, RoutePlanner
-from husky_navigation.planning.route_search import CLIMB, MODES
+from husky_navigation.planning.route_search import FLY, MODES, WALK
 from husky_runtime import graph
 from husky_runtime.nodes import diagnostics, qos, stamps
 from husky_runtime.nodes.message_guard import Refused
@@ -87,6 +88,7 @@ class Navigator(OneClock, Node):
         self._drawn: PlanningGrid | None = None
         self.hot: Sequence[Subscription] = []
         self._map_to_odom = LevelTransform()
+        self._take_off = math.nan  # height of the base on its perch [m]
         self._odometry: Odometry | None = None
         self._pose: PoseWithCovarianceStamped | None = None
         self._state: ControllerState | None = None
@@ -227,8 +229,10 @@ class Navigator(OneClock, Node):
         """
         path = GivenPath(poses, self._planner)
 
-        def plan(start: PlanePose, _: PlanePose, closed: tuple[Place, ...]) -> Route:
-            return self._timed(lambda limits: path.route(start, limits), closed)
+        def plan(
+            start: PlanePose, _: PlanePose, closed: tuple[Place, ...], altitude: float | None
+        ) -> Route:
+            return self._timed(lambda limits: path.route(start, limits, altitude), closed, altitude)
 
         return self._begin(Navigation([path.goal], plan))
 
@@ -244,22 +248,37 @@ class Navigator(OneClock, Node):
             before.tell(None)
         return errand
 
-    def plan(self, start: PlanePose, goal: PlanePose, closed: tuple[Place, ...] = ()) -> Route:
+    def plan(
+        self,
+        start: PlanePose,
+        goal: PlanePose,
+        closed: tuple[Place, ...] = (),
+        altitude: float | None = None,
+    ) -> Route:
         """Return the cheapest route over the ground that was seen; raises RouteError for none."""
-        return self._timed(lambda limits: self._planner.plan(start, goal, limits), closed)
+        return self._timed(
+            lambda limits: self._planner.plan(start, goal, limits, altitude), closed, altitude
+        )
 
-    def _timed(self, make: Callable[[Limits], Route], closed: tuple[Place, ...]) -> Route:
+    def _timed(
+        self,
+        make: Callable[[Limits], Route],
+        closed: tuple[Place, ...],
+        altitude: float | None,
+    ) -> Route:
         """Return a route within what it may have now; raises RouteError for none."""
         begun = time.thread_time()
         try:
-            return make(self._limits()._replace(closed=closed))
+            return make(Limits(self._usable(altitude is not None), self._energy(), closed))
         finally:
             self._planning_ms.append(1e3 * (time.thread_time() - begun))
 
-    def _limits(self) -> Limits:
-        """Return what a route may have now: no climb without all fans, no more than the battery."""
-        usable = (mode for mode in self._modes if mode != CLIMB or self._commands.can_climb)
-        return Limits(tuple(usable), self._energy())
+    def _usable(self, is_in_air: bool) -> tuple[str, ...]:
+        """Return the ways of moving that a route may have now: with a fan lost, walking alone; a
+        robot in the air flies on until it has landed.
+        """
+        usable = [mode for mode in self._modes if mode == WALK or self._commands.has_fans]
+        return (*usable, FLY) if is_in_air else tuple(usable)
 
     def _energy(self) -> float:
         """Return what the battery has for the way [J], inf where nothing tells its charge."""
@@ -298,6 +317,9 @@ class Navigator(OneClock, Node):
             return
         self._step_ns = stamp
         now = 1e-9 * stamp
+        height = pose.pose.pose.position.z
+        if state.mode == SPLAY:
+            self._take_off = height
         view = RobotView(
             time=now,
             pose=plane_pose(pose.pose.pose),
@@ -305,9 +327,11 @@ class Navigator(OneClock, Node):
             fans_ready=self._commands.fans_ready(now),
             map_age=now - 1e-9 * self._map_ns,
             speed=self._speed(),
-            can_climb=self._commands.can_climb,
+            has_fans=self._commands.has_fans,
             energy=self._energy(),
             waits=self._commands.waits,
+            height=height,
+            take_off=self._take_off,
         )
         errand = self._errand
         if errand is not None:
@@ -327,7 +351,7 @@ class Navigator(OneClock, Node):
         navigation = errand.navigation
         if errand.cancelled:
             navigation.stop(view, Outcome.CANCELLED)
-        wish = navigation.step(view, self._ground())
+        wish = navigation.step(view, self._ground(), self._planner.air())
         if wish is not None:
             self._commands.follow(wish, view.mode, view.time)
         if navigation.route is not self._route:

@@ -4,17 +4,29 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from geometry_msgs.msg import Twist
+from rcl_interfaces.srv import SetParameters
 from rclpy.client import Client
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.task import Future
 from std_srvs.srv import SetBool
 
 from husky_msgs.msg import PropulsionState
 from husky_msgs.srv import SetFlightMode, SetMode
-from husky_navigation.following.navigation import STAND, TROT, WAIR, Wish
+from husky_navigation.following.robot_wish import (
+    PERCH,
+    QUADROTOR,
+    SPLAY,
+    STAND,
+    TROT,
+    WAIR,
+    FlightHeights,
+    Wish,
+)
 from husky_runtime import graph
 from husky_runtime.nodes import qos
 
@@ -28,6 +40,12 @@ _SPIN_UP = 1.5
 """Time for which fans are armed before they are used: their controllers want a second of low pulses
 [s]."""
 _STEPPING = (TROT, WAIR)
+_FOLLOWS_VELOCITY = (*_STEPPING, QUADROTOR)
+_USES_FANS = (WAIR, QUADROTOR)
+_NOTHING_HANGS_ON_FANS = (STAND, TROT, SPLAY)
+_INTO_THE_AIR = {TROT: STAND, WAIR: STAND, STAND: PERCH, PERCH: SPLAY, SPLAY: QUADROTOR}
+_ONTO_LEGS = {QUADROTOR: SPLAY, SPLAY: PERCH, PERCH: "stand_up"}
+"""Mode that follows one, on the way to mode `quadrotor` and back."""
 
 
 class RobotCommands:
@@ -50,6 +68,9 @@ class RobotCommands:
         self._mode = node.create_client(SetMode, graph.SET_MODE)
         self._flight_mode = node.create_client(SetFlightMode, graph.PROPULSION_SET_MODE)
         self._arm = node.create_client(SetBool, graph.PROPULSION_ARM)
+        node_name = graph.LOW_LEVEL_CONTROLLER
+        self._parameters = node.create_client(SetParameters, f"{node_name}/set_parameters")
+        self._heights: FlightHeights | None = None  # that are set at the controller
         self._requests: dict[str, tuple[float, Client, Future]] = {}  # when each was sent [s]
         self._fans: PropulsionState | None = None
         self._armed_at: float | None = None
@@ -61,7 +82,7 @@ class RobotCommands:
         self._fans = fans
 
     @property
-    def can_climb(self) -> bool:
+    def has_fans(self) -> bool:
         """True if there are fans, and none is lost."""
         fans = self._fans
         return fans is not None and bool(fans.connected) and all(fans.fan_ok)
@@ -86,14 +107,15 @@ class RobotCommands:
         """
         self._forget_lost(now)
         self._set_fans(wish.fans, mode, now)
-        if mode in _STEPPING:
+        if mode in _FOLLOWS_VELOCITY:
             twist = Twist()
             if wish.mode == mode:
                 twist.linear.x, twist.linear.y, twist.angular.z = wish.velocity
             self._velocity.publish(twist)
-        # From one mode that steps to the other through standing.
-        wanted = STAND if mode in _STEPPING and wish.mode != mode else wish.mode
-        if wanted == mode or (wanted == WAIR and not self.fans_ready(now)):
+        if wish.heights is not None and not self._set_heights(wish.heights, now):
+            return
+        wanted = _next_mode(mode, wish.mode)
+        if wanted == mode or (wanted in _USES_FANS and not self.fans_ready(now)):
             return
         self._request("mode", self._mode, SetMode.Request(mode=wanted), now)
 
@@ -101,6 +123,27 @@ class RobotCommands:
         """Disarm fans that were armed here, once nothing hangs on them."""
         self._forget_lost(now)
         self._set_fans(False, mode, now)
+
+    def _set_heights(self, heights: FlightHeights, now: float) -> bool:
+        """Set the heights of a flight at the controller; return whether they are set."""
+        if heights == self._heights:
+            return True
+        request = SetParameters.Request(
+            parameters=[
+                Parameter(f"quadrotor.{name}", value=value).to_parameter_msg()
+                for name, value in heights._asdict().items()
+            ]
+        )
+        take = partial(self._take_heights, heights)
+        self._request("heights", self._parameters, request, now, take)
+        return False
+
+    def _take_heights(self, heights: FlightHeights, response: SetParameters.Response) -> str:
+        """Note that heights are set; return why they are not."""
+        refusals = [result.reason for result in response.results if not result.successful]
+        if not refusals:
+            self._heights = heights
+        return "; ".join(refusals)
 
     def _set_fans(self, wanted: bool, mode: str, now: float) -> None:
         """Arm the fans and hand them over; disarm what was armed here, once nothing hangs on it."""
@@ -113,7 +156,7 @@ class RobotCommands:
         elif wanted and not fans.armed:
             self._request("arm", self._arm, SetBool.Request(data=True), now)
             self._armed_by_us = True
-        elif not wanted and fans.armed and self._armed_by_us and mode in (STAND, TROT):
+        elif not wanted and fans.armed and self._armed_by_us and mode in _NOTHING_HANGS_ON_FANS:
             self._request("arm", self._arm, SetBool.Request(data=False), now)
         elif not wanted and not fans.armed and now > self._sent("arm") + _ARMING:
             self._armed_by_us = False
@@ -122,8 +165,23 @@ class RobotCommands:
         """Return when a kind of request was sent last [s]."""
         return self._requests[kind][0] if kind in self._requests else -math.inf
 
-    def _request(self, kind: str, client: Client, request: Any, now: float) -> None:
-        """Send a request unless one of its kind is on its way, or was not long ago."""
+    def _request(
+        self,
+        kind: str,
+        client: Client,
+        request: Any,
+        now: float,
+        take: Callable[[Any], str] | None = None,
+    ) -> None:
+        """Send a request unless one of its kind is on its way, or was not long ago.
+
+        Args:
+            kind: of the request.
+            client: of its service.
+            request: of that service.
+            now: time [s].
+            take: takes the answer, returns why it refuses; None for an answer with `success`.
+        """
         if kind in self._requests:
             sent, _, pending = self._requests[kind]
             if not pending.done() or 0.0 <= now - sent < _AGAIN:
@@ -132,7 +190,7 @@ class RobotCommands:
             return
         future = client.call_async(request)
         self._requests[kind] = now, client, future
-        future.add_done_callback(self._note)
+        future.add_done_callback(partial(self._note, take or _refusal_of))
 
     def _forget_lost(self, now: float) -> None:
         """Wait no longer for answers that do not come."""
@@ -141,12 +199,27 @@ class RobotCommands:
                 client.remove_pending_request(future)
                 future.cancel()
 
-    def _note(self, future: Future) -> None:
+    def _note(self, take: Callable[[Any], str], future: Future) -> None:
         answer = None if future.cancelled() else future.result()
-        self.refusal = "" if answer is None or answer.success else answer.message
+        self.refusal = "" if answer is None else take(answer)
         self._on_answer()
 
     @property
     def waits(self) -> bool:
         """True as long as a request has no answer."""
         return any(not future.done() for *_, future in self._requests.values())
+
+
+def _next_mode(mode: str, wanted: str) -> str:
+    """Return the mode to ask for in a mode, on the way to the one that is wanted."""
+    if wanted == QUADROTOR:
+        return _INTO_THE_AIR.get(mode, mode)
+    if mode in _ONTO_LEGS:
+        return _ONTO_LEGS[mode]
+    # From one mode that steps to the other through standing.
+    return STAND if mode in _STEPPING and wanted != mode else wanted
+
+
+def _refusal_of(answer: Any) -> str:
+    """Return why a request was refused, "" if it was not."""
+    return "" if answer.success else str(answer.message)

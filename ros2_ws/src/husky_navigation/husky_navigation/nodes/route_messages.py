@@ -13,13 +13,13 @@ from visualization_msgs.msg import Marker, MarkerArray
 from husky_navigation.nodes.map_messages import costs_message
 from husky_navigation.planning.planning_grid import PlanningGrid
 from husky_navigation.planning.route import Leg, PlanePose, Route
-from husky_navigation.planning.route_search import CLIMB, WALK
+from husky_navigation.planning.route_search import CLIMB, FLY, WALK
 from husky_navigation.planning.world_map import WorldMap
 from husky_runtime import graph
 from husky_runtime.nodes import stamps
-from husky_runtime.nodes.markers import BLUE, ORANGE, make_marker
+from husky_runtime.nodes.markers import BLUE, ORANGE, VIOLET, make_marker
 
-COLOURS = {WALK: BLUE, CLIMB: ORANGE}
+COLOURS = {WALK: BLUE, CLIMB: ORANGE, FLY: VIOLET}
 """Of the legs of a route, by their modes."""
 _STEP = 0.1
 """Between two poses of a path [m]."""
@@ -41,13 +41,15 @@ def pose_message(pose: PlanePose, z: float, time_ns: int) -> PoseStamped:
 
 
 def path_message(route: Route, world: WorldMap, time_ns: int) -> Path:
-    """Return the poses of a route on the ground, `_STEP` apart; the heading is that of the nose."""
+    """Return the poses of a route, on the ground or where it flies, `_STEP` apart; the heading is
+    that of the nose.
+    """
     path = Path()
     path.header.frame_id = graph.FRAME_MAP
     stamps.fill(path.header.stamp, time_ns)
     for leg in route.legs:
         path.poses += [
-            pose_message(pose, _ground(world, pose.x, pose.y), time_ns) for pose in _poses(leg)
+            pose_message(pose, _height(leg, world, pose.x, pose.y), time_ns) for pose in _poses(leg)
         ]
     return path
 
@@ -66,7 +68,7 @@ def route_markers(route: Route | None, world: WorldMap, time_ns: int) -> MarkerA
         )
         for point, pose in zip(line.points, poses, strict=True):
             point.x, point.y = pose.x, pose.y
-            point.z = _ground(world, pose.x, pose.y) + _OVER
+            point.z = _height(leg, world, pose.x, pose.y) + _OVER
         line.scale.x = 0.04
         markers += [line, _label(leg, line.points[len(poses) // 2], 2 * number + 1)]
     for marker in markers:
@@ -106,8 +108,10 @@ def _poses(leg: Leg) -> list[PlanePose]:
     return [*found, PlanePose(float(x), float(y), leg.yaw)]
 
 
-def _ground(world: WorldMap, x: float, y: float) -> float:
-    """Return the height of the ground at a place [m], 0 where it was not seen."""
+def _height(leg: Leg, world: WorldMap, x: float, y: float) -> float:
+    """Return the height of a flight, else of the ground at a place [m], 0 where it was not seen."""
+    if math.isfinite(leg.altitude):
+        return leg.altitude
     cell = world.lattice.index_of(x, y)
     height = math.nan if cell is None else float(world.elevation[cell])
     return height if math.isfinite(height) else 0.0

@@ -14,7 +14,7 @@ from scipy import ndimage
 
 from husky_description.arrays import Array
 from husky_navigation.planning.abilities import ClimbAbility
-from husky_navigation.planning.planning_grid import Indices, Mask, PlanningGrid, heading_of
+from husky_navigation.planning.planning_grid import Cell, Indices, Mask, PlanningGrid, heading_of
 
 _REACH = 6.0
 """Longest way of a lane to each side of the cell from which it is found [m]."""
@@ -82,43 +82,28 @@ def lanes_of(grid: PlanningGrid, climb: ClimbAbility) -> Lanes:
     return _distinct(joined, grid.lattice.cells)
 
 
-class WayAhead(NamedTuple):
-    """Way from a place on a slope to where the robot may walk.
-
-    Attributes:
-        end: cell [i, j].
-        slope: mean inclination, positive uphill [rad].
-    """
-
-    end: tuple[int, int]
-    slope: float
-
-
-def way_ahead(
-    grid: PlanningGrid, climb: ClimbAbility, cell: tuple[int, int], yaw: float
-) -> WayAhead | None:
-    """Return the way along the fall line of a cell on a slope, on the side to which a robot looks.
-
-    Unlike a lane it begins at the robot: whatever is behind it does not count.
+def first_end(
+    grid: PlanningGrid, climb: ClimbAbility, cell: Cell, direction: float, *, downwards: bool
+) -> tuple[Cell, float] | None:
+    """Return the cell where the robot may walk again on its way straight up or down from a cell,
+    and the mean inclination up to there [rad]; None where it finds none.
 
     Args:
         grid: the ground.
         climb: the robot's ability.
-        cell: in which it stands.
-        yaw: heading [rad].
+        cell: on a slope.
+        direction: of the way up, from +x [rad].
+        downwards: it goes down.
     """
-    uphill = np.array([[grid.slope_x[cell], grid.slope_y[cell]]])
-    uphill /= np.linalg.norm(uphill)
-    down = float(uphill[0] @ (math.cos(yaw), math.sin(yaw))) < 0.0
+    uphill = np.array([[math.cos(direction), math.sin(direction)]])
+    course = -uphill[0] if downwards else uphill[0]
     steps = np.arange(int(_REACH / grid.lattice.resolution))
-    course = -uphill if down else uphill
-    ground = _Ground(grid, cell + steps[None, :, None] * course[:, None, :], uphill, climb)
+    ground = _Ground(grid, cell + steps[None, :, None] * course, uphill, climb)
     for ends, good in ((ground.ends, ground.good), (ground.hoped_ends, ground.likely)):
         (found,) = _first(ends, good)
         if 0 < found < len(steps):
-            i, j = np.rint(cell + found * course[0]).astype(int).tolist()
-            slope = float(ground.inclination[0, :found].mean())
-            return WayAhead((i, j), -slope if down else slope)
+            i, j = np.rint(cell + found * course).astype(int).tolist()
+            return (i, j), float(ground.inclination[0, :found].mean())
     return None
 
 

@@ -67,6 +67,7 @@ class PlanningGrid(NamedTuple):
         """Whether the robot can turn there, walking."""
         turns: Mask = np.logical_and.reduce(self.free, axis=0)
         return turns
+
     def is_taken(self, x: float, y: float, within: float) -> bool:
         """Return whether something that was seen, within a distance of a place [m], is no ground to
         walk on; a slope that leads to what was not seen may be none.

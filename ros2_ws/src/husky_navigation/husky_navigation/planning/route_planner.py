@@ -12,15 +12,8 @@ from husky_navigation.frame_filter import LevelTransform
 from husky_navigation.planning.abilities import ABILITIES
 from husky_navigation.planning.air_layers import AirLayers, air_layers_of
 from husky_navigation.planning.planning_grid import PlanningGrid, grid_of
-from husky_navigation.planning.route import (
-    Leg,
-    PlanePose,
-    Refusal,
-    Route,
-    RouteError,
-    find_route,
-    walk_leg,
-)
+from husky_navigation.planning.route import Leg, PlanePose, Refusal, Route, RouteError, walk_leg
+from husky_navigation.planning.route_finder import find_route
 from husky_navigation.planning.route_search import MODES, PRICES, Prices, RouteGraph
 from husky_navigation.planning.travel_costs import TravelCosts
 from husky_navigation.planning.world_map import WorldMap

@@ -8,7 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from husky_description.arrays import Array
-from husky_navigation.planning.climb_lanes import Lanes
+from husky_navigation.planning.abilities import ClimbAbility
+from husky_navigation.planning.climb_lanes import Lanes, first_end
 from husky_navigation.planning.planning_grid import (
     HEADINGS,
     Cell,
@@ -25,24 +26,24 @@ _BESIDE = 4
 """Cells to each side among which one is looked for that is free, of a robot near an obstacle."""
 
 
-class OnLane(NamedTuple):
-    """A lane on which a robot stands.
+class WayOff(NamedTuple):
+    """Straight way off a slope, on the side to which a robot looks.
 
     Attributes:
-        lane: its number.
-        downwards: the robot looks down it.
-        left: horizontal way to the end to which it looks [m].
-        end: place of that end in `map` [m] (2,).
+        end: place in `map` [m] (2,).
+        slope: its mean inclination, positive uphill [rad].
+        yaw: its direction [rad].
     """
 
-    lane: int
-    downwards: bool
-    left: float
     end: Array
+    slope: float
+    yaw: float
 
 
-def lane_below(grid: PlanningGrid, lanes: Lanes, pose: tuple[float, float, float]) -> OnLane | None:
-    """Return the lane on which a robot stands, None for no lane.
+def way_along_lane(
+    grid: PlanningGrid, lanes: Lanes, pose: tuple[float, float, float]
+) -> WayOff | None:
+    """Return the way along the lane on which a robot stands, None for no lane.
 
     Args:
         grid: the ground.
@@ -62,9 +63,42 @@ def lane_below(grid: PlanningGrid, lanes: Lanes, pose: tuple[float, float, float
     if score.size == 0 or score.min() > _OFF_LANE:
         return None
     k = int(np.argmin(score))
-    down = bool(downwards[k])
-    left = float(along[k] if down else lanes.length[k] - along[k])
-    return OnLane(k, down, left, ends[0 if down else 1][k])
+    slope = float(lanes.slope[k][lanes.slope[k] > 0.0].mean())
+    return _way_off(
+        ends[0 if downwards[k] else 1][k], slope, float(lanes.direction[k]), downwards[k]
+    )
+
+
+def way_ahead(
+    grid: PlanningGrid, climb: ClimbAbility, pose: tuple[float, float, float], cell: Cell
+) -> WayOff | None:
+    """Return the way along the fall line of a robot's cell, None for level ground or no such way.
+
+    Unlike a lane it begins at the robot: what the map says of the ground behind it does not count.
+
+    Args:
+        grid: the ground.
+        climb: the robot's ability.
+        pose: x, y [m] and yaw [rad] in `map`.
+        cell: in which that is.
+    """
+    rise = np.array((grid.slope_x[cell], grid.slope_y[cell]))
+    if float(np.hypot(*rise)) < math.tan(math.radians(climb.least_slope_deg)):
+        return None
+    uphill = math.atan2(rise[1], rise[0])
+    turned = abs(math.remainder(pose[2] - uphill, 2.0 * math.pi))
+    down = turned > 0.5 * math.pi
+    if min(turned, math.pi - turned) > _SKEW:
+        return None
+    found = first_end(grid, climb, cell, uphill, downwards=down)
+    return (
+        None if found is None else _way_off(np.array(grid.centre(found[0])), found[1], uphill, down)
+    )
+
+
+def _way_off(end: Array, slope: float, uphill: float, down: bool) -> WayOff:
+    yaw = math.remainder(uphill + math.pi * down, 2.0 * math.pi)
+    return WayOff(end, -slope if down else slope, yaw)
 
 
 def free_beside(

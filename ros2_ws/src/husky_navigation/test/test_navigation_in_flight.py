@@ -1,0 +1,236 @@
+"""Navigation of Husky-beta over what closes its way, of a robot that does exactly as it is told."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from planned_ground import costs, seen
+
+from husky_description.arrays import Array
+from husky_navigation.following.ground_checks import Place
+from husky_navigation.following.navigation import Navigation, Outcome
+from husky_navigation.following.robot_wish import RobotView, Wish
+from husky_navigation.planning.abilities import ABILITIES
+from husky_navigation.planning.air_layers import air_layers_of
+from husky_navigation.planning.planning_grid import grid_of
+from husky_navigation.planning.route import PlanePose, Route
+from husky_navigation.planning.route_finder import find_route
+from husky_navigation.planning.route_search import MODES, WALK, RouteGraph
+
+BETA = ABILITIES["beta"]
+PERIOD = 0.1
+SPEED = 0.25
+"""Of rising and sinking [m/s]."""
+BEFORE, BEHIND = PlanePose(-2.5, 0.0, 0.0), PlanePose(2.8, 0.0, 0.0)
+UP = {"walk": "stand", "stand": "perch", "perch": "splay", "splay": "quadrotor"}
+DOWN = {"splay": "perch", "perch": "stand", "stand": "walk"}
+
+Ground = Callable[[Array, Array], Array]
+
+
+class FlyingRobot:
+    """Goes through one mode after the other, rises, flies and sinks as it is told.
+
+    Attributes:
+        ground: height at x, y [m], as it truly is.
+        known: the same as far as it was seen, NaN elsewhere; may change on the way.
+        modes: that it was in, in order.
+    """
+
+    def __init__(self, ground: Ground, known: Ground | None = None) -> None:
+        self.ground, self.pose, self.mode, self.time = ground, BEFORE, "stand", 0.0
+        self.modes, self.has_fans, self.take_off = ["stand"], True, math.nan
+        self.height, self.wish = 0.5, Wish("stand")
+        self.see(known or ground)
+
+    def see(self, known: Ground) -> None:
+        self.grid = grid_of(seen(known, cells=160), BETA)
+        assert BETA.fly is not None
+        self.air = air_layers_of(self.grid, BETA.fly)
+        self._graphs: dict[object, RouteGraph] = {}
+
+    def plan(
+        self, start: PlanePose, goal: PlanePose, closed: tuple[Place, ...], altitude: float | None
+    ) -> Route:
+        modes = MODES if self.has_fans or altitude is not None else (WALK,)
+        if (modes, closed) not in self._graphs:
+            moves = RouteGraph(self.grid, BETA, costs("beta"), modes=modes, closed=closed)
+            self._graphs[modes, closed] = moves
+        return find_route(self._graphs[modes, closed], start, goal, altitude)
+
+    @property
+    def below(self) -> float:
+        """Height of the ground under the robot [m]."""
+        return float(self.ground(np.array(self.pose.x), np.array(self.pose.y)))
+
+    @property
+    def view(self) -> RobotView:
+        """What the robot tells."""
+        view = RobotView(self.time, self.pose, self.mode, self.wish.fans, has_fans=self.has_fans)
+        return view._replace(height=self.height, take_off=self.take_off)
+
+    def step(self, navigation: Navigation) -> None:
+        """Make a step of the navigation, and do what it wants."""
+        wish = navigation.step(self.view, self.grid, self.air)
+        self.time += PERIOD
+        if wish is None:
+            return
+        self.wish = wish
+        mode = self.mode
+        if mode == "quadrotor":
+            self._fly(wish)
+        elif wish.mode != mode:
+            self.mode = UP.get(mode, mode) if wish.mode == "quadrotor" else DOWN.get(mode, "stand")
+            if wish.mode == "stand" and mode == "stand":
+                self.mode = "stand"
+        if self.mode == "quadrotor" and mode == "splay":
+            assert wish.fans
+            assert wish.heights is not None
+            self.top = self.take_off + wish.heights.height
+        self.height = self.height if self.mode == "quadrotor" else self.below + 0.29
+        if self.mode == "splay":
+            self.take_off = self.height
+        if self.mode == wish.mode:
+            self._move()
+        if self.mode != self.modes[-1]:
+            self.modes.append(self.mode)
+
+    def _fly(self, wish: Wish) -> None:
+        if wish.heights is not None:
+            self.top = self.take_off + wish.heights.height
+        lands = wish.mode != "quadrotor"
+        target = self.below + 0.29 if lands else self.top
+        self.height += min(PERIOD * SPEED, max(-PERIOD * SPEED, target - self.height))
+        assert self.height > self.below + 0.28, "it has hit something"
+        if lands and self.height < self.below + 0.3:
+            self.mode = "splay"
+
+    def _move(self) -> None:
+        (forward, left, turn), (x, y, yaw) = self.wish.velocity, self.pose
+        assert self.mode in ("walk", "quadrotor") or not any((forward, left, turn))
+        c, s = math.cos(yaw), math.sin(yaw)
+        self.pose = PlanePose(
+            x + PERIOD * (c * forward - s * left),
+            y + PERIOD * (s * forward + c * left),
+            yaw + PERIOD * turn,
+        )
+
+    def run(self, navigation: Navigation, within: float = 200.0) -> Navigation:
+        """Go on until the navigation ends."""
+        end = self.time + within
+        while navigation.outcome is None:
+            assert self.time < end, f"{navigation.phase} in {self.mode} at {self.pose}"
+            self.step(navigation)
+        return navigation
+
+    def run_until(self, navigation: Navigation, there: Callable[[], bool]) -> None:
+        """Go on until something holds, before the navigation ends."""
+        while not there():
+            assert navigation.outcome is None, navigation.reason
+            self.step(navigation)
+
+
+def wall(x: Array, y: Array) -> Array:
+    """Return a wall from edge to edge."""
+    return np.where(np.abs(x) < 0.1, 0.5, 0.0)
+
+
+def step_up(x: Array, y: Array) -> Array:
+    """Return a gap of 0.5 m, 1 m deep, and behind it ground that is 0.5 m higher."""
+    return np.where(x < 0.0, 0.0, np.where(x < 0.5, -1.0, 0.5))
+
+
+def unseen_behind(x: Array, y: Array) -> Array:
+    """Return that wall, behind which nothing was seen."""
+    return np.where(x > 0.1, np.nan, wall(x, y))
+
+
+def assert_stands_at(robot: FlyingRobot, goal: PlanePose) -> None:
+    """Check that the robot stands at a goal."""
+    assert robot.mode == "stand"
+    assert math.hypot(robot.pose.x - goal.x, robot.pose.y - goal.y) < 0.1
+
+
+@pytest.mark.parametrize("ground", [wall, step_up])
+def test_it_flies_over_what_closes_its_way_and_walks_on(ground: Ground) -> None:
+    robot = FlyingRobot(ground)
+    navigation = robot.run(Navigation([BEHIND], robot.plan))
+    assert navigation.outcome is Outcome.REACHED
+    assert_stands_at(robot, BEHIND)
+    flight = robot.modes[robot.modes.index("quadrotor") - 2 :][:5]
+    assert flight == ["perch", "splay", "quadrotor", "splay", "perch"]
+    assert robot.modes.count("quadrotor") == 1
+
+
+def test_a_landing_looks_for_ground_as_deep_as_it_was_seen() -> None:
+    robot = FlyingRobot(step_up)
+    robot.pose = BEHIND
+    navigation = Navigation([PlanePose(-2.5, 0.0, math.pi)], robot.plan)
+    robot.run_until(navigation, lambda: robot.wish.heights is not None)
+    assert robot.wish.heights is not None
+    assert robot.wish.heights.landing_depth == pytest.approx(0.5 + 0.29, abs=0.02)
+    robot.run(navigation)
+    assert navigation.outcome is Outcome.REACHED
+
+
+def test_behind_a_wall_it_lands_once_it_has_seen_the_ground() -> None:
+    robot = FlyingRobot(wall, unseen_behind)
+    navigation = Navigation([BEHIND], robot.plan)
+    robot.run_until(navigation, lambda: robot.mode == "quadrotor" and robot.pose.x > -0.3)
+    robot.see(wall)
+    robot.run(navigation)
+    assert navigation.outcome is Outcome.REACHED
+    assert_stands_at(robot, BEHIND)
+
+
+def test_where_it_never_sees_the_ground_it_lands_where_it_has_seen_some() -> None:
+    robot = FlyingRobot(wall, unseen_behind)
+    navigation = robot.run(Navigation([BEHIND], robot.plan), within=400.0)
+    assert navigation.outcome is not Outcome.REACHED
+    assert robot.mode == "stand"
+    assert robot.pose.x < -0.5
+
+
+def test_something_that_turns_out_too_high_is_not_flown_into() -> None:
+    def tower(x: Array, y: Array) -> Array:
+        return np.where((np.abs(x - 0.5) < 0.2) & (np.abs(y) < 0.5), 1.6, wall(x, y))
+
+    robot = FlyingRobot(tower, wall)
+    navigation = Navigation([BEHIND], robot.plan)
+    robot.run_until(navigation, lambda: robot.mode == "quadrotor" and robot.pose.x > -0.8)
+    robot.see(tower)
+    robot.run(navigation)
+    assert navigation.outcome is Outcome.REACHED
+
+
+@pytest.mark.parametrize("x", [-1.0, 0.0])
+def test_a_cancelled_flight_lands_beside_what_it_flies_over(x: float) -> None:
+    robot = FlyingRobot(wall)
+    navigation = Navigation([BEHIND], robot.plan)
+    robot.run_until(navigation, lambda: robot.mode == "quadrotor" and robot.pose.x > x)
+    navigation.stop(robot.view, Outcome.CANCELLED)
+    robot.run(navigation)
+    assert navigation.outcome is Outcome.CANCELLED
+    assert robot.mode == "stand"
+    assert abs(robot.pose.x) > 0.8
+
+
+def test_a_goal_that_comes_in_flight_is_flown_to() -> None:
+    robot = FlyingRobot(wall)
+    navigation = Navigation([BEHIND], robot.plan)
+    robot.run_until(navigation, lambda: robot.mode == "quadrotor" and robot.pose.x > -0.2)
+    home = PlanePose(-2.5, 0.0, math.pi)
+    navigation = robot.run(Navigation([home], robot.plan))
+    assert navigation.outcome is Outcome.REACHED
+    assert_stands_at(robot, home)
+
+
+def test_without_propellers_it_does_not_fly() -> None:
+    robot = FlyingRobot(wall)
+    robot.has_fans = False
+    navigation = robot.run(Navigation([BEHIND], robot.plan))
+    assert navigation.outcome is Outcome.NO_ROUTE
+    assert "quadrotor" not in robot.modes
