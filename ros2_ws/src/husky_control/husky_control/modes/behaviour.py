@@ -224,6 +224,11 @@ class Behaviour:
         return True
 
     @property
+    def stance(self) -> Mask:
+        """Legs that are to stand on the ground, (4,) bool; none in the air, or as arms."""
+        return ~self.clock.swinging & self.grounded
+
+    @property
     def aims(self) -> Mask:
         """Legs that swing to a foothold, (4,) bool."""
         return np.zeros_like(self.clock.swinging)

@@ -13,7 +13,7 @@ import math
 
 import numpy as np
 
-from husky_control.modes.behaviour import Event, Happening
+from husky_control.modes.behaviour import Event, Happening, Mask
 from husky_control.modes.context import ModeContext
 from husky_control.modes.stand_up_and_sit import PostureChange
 from husky_control.posture import PEAK
@@ -21,6 +21,7 @@ from husky_control.rotation import tilt_of
 from husky_control.tick_data import TICK, JointCommand
 from husky_description.arrays import Array
 from husky_description.gravity import GRAVITY
+from husky_description.kinematics import LEGS
 
 CROUCH_TIME = 2.9
 """From standing to where the feet would be `SUNK` above the ground under the perch [s]."""
@@ -99,7 +100,7 @@ class Perch(OnPerch):
 
     def estimate(self) -> None:
         """Estimate by the feet until the perch is felt; then stay."""
-        if self._crouches and self._move.on_first_way and not self.touching:
+        if self._is_on_feet:
             super().estimate()
         else:
             self.context.body.stay()
@@ -123,6 +124,16 @@ class Perch(OnPerch):
         return self._touching >= PATIENCE
 
 
+    @property
+    def stance(self) -> Mask:
+        """Legs that stand until the perch is felt, (4,) bool."""
+        return np.full(LEGS, self._is_on_feet)
+
+    @property
+    def _is_on_feet(self) -> bool:
+        return self._crouches and self._move.on_first_way and not self.touching
+
+
 class Splay(OnPerch):
     """Splays the legs until they are arms, sweeps them until the lift is centred, and holds."""
 
@@ -136,6 +147,11 @@ class Splay(OnPerch):
     def estimate(self) -> None:
         """Stay: the feet tell nothing."""
         self.context.body.stay()
+
+    @property
+    def stance(self) -> Mask:
+        """No leg stands."""
+        return np.zeros(LEGS, np.bool_)
 
     @property
     def lift_centred(self) -> bool:

@@ -8,13 +8,23 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from husky_control.flight.hover import AIRBORNE, HoverPhase
 from husky_control.modes.arms_in_flight import ArmsInFlight
-from husky_control.modes.behaviour import STOPS, Event, Happening, Velocity, VelocityLimits
+from husky_control.modes.behaviour import (
+    STOPS,
+    Event,
+    Happening,
+    Mask,
+    Velocity,
+    VelocityLimits,
+)
 from husky_control.modes.context import ModeContext
 from husky_control.modes.fly import Fly
 from husky_control.tick_data import TICK, JointCommand
 from husky_description.arrays import Array
+from husky_description.kinematics import LEGS
 
 OWN_GAINS = ("position_gain", "velocity_gain", "trim_gain", "trim_limit")
 """Of `HoverGains`, which are live parameters here."""
@@ -132,6 +142,11 @@ class Quadrotor(Fly):
         ahead, left, hover.yaw_rate = velocity
         hover.velocity_wish = (ahead, left)
         return ""
+
+    @property
+    def stance(self) -> Mask:
+        """No leg stands: they are arms, also on the perch."""
+        return np.zeros(LEGS, np.bool_)
 
     def _feet_down(self) -> int:
         """None: it lands on its perch, and feels it by sinking no further."""

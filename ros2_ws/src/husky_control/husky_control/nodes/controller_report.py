@@ -89,7 +89,7 @@ class ControllerReport:
         state.mode, state.gait = controller.mode.value, context.gait
         state.reason = context.reason
         state.phase = legs.phase
-        state.stance = (~legs.swinging).tolist()
+        state.stance = controller.present.stance.tolist()
         state.contact = contact.tolist()
         state.joint_positions = body.measurements.joint_position
         state.position = position
