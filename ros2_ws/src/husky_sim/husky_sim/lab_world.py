@@ -18,6 +18,8 @@ FLIGHT_HEIGHT = 1.2
 NARROW = 0.3
 """Gaps between closing boxes, and from them to the fence, are less [m]: no robot walks there."""
 
+_FENCE_HEIGHT = 2.5
+"""Of the fence [m]: no robot flies over it."""
 _CLOSED_SHARE = 0.5
 """Share of the worlds that boxes close."""
 _FEWEST, _MOST = 3, 4
@@ -57,7 +59,8 @@ def _draw_world(site: ObstacleSite, closed: bool, count: int) -> ObstacleWorld |
     if grounds is None:
         return None
     boxes = [UprightBox(ground, site.between(_HEIGHT)) for ground in grounds]
-    return ObstacleWorld((), (*fence(site.square), *boxes), (), goal, closed, site.square)
+    walls = fence(site.square, _FENCE_HEIGHT)
+    return ObstacleWorld((), (*walls, *boxes), (), goal, closed, site.square)
 
 
 def _scattered_grounds(site: ObstacleSite, count: int, goal: GoalPose) -> list[Rectangle] | None:

@@ -13,8 +13,6 @@ APART = 1.2
 """Least distance of an obstacle from start, goal, fence and every other obstacle [m]."""
 WALL_THICKNESS = 0.15
 """Of walls and the fence [m]."""
-_FENCE_HEIGHT = 0.6
-"""[m]"""
 _MOST_SPOTS = 150
 """Draws for a free spot before an obstacle is left out."""
 
@@ -82,18 +80,16 @@ class ObstacleSite:
         return float(self.rng.uniform(*limits))
 
 
-def fence(square: Square) -> list[UprightBox]:
-    """Return the four walls around a square; their middle is on its edge."""
+def fence(square: Square, height: float) -> list[UprightBox]:
+    """Return the four walls of a height [m] around a square; their middle is on its edge."""
     first, last, edge = square.first_x, square.last_x, square.side / 2
     return [
         *(
-            UprightBox(Rectangle(x, 0.0, 0.0, WALL_THICKNESS, square.side), _FENCE_HEIGHT)
+            UprightBox(Rectangle(x, 0.0, 0.0, WALL_THICKNESS, square.side), height)
             for x in (first, last)
         ),
         *(
-            UprightBox(
-                Rectangle((first + last) / 2, y, 0.0, square.side, WALL_THICKNESS), _FENCE_HEIGHT
-            )
+            UprightBox(Rectangle((first + last) / 2, y, 0.0, square.side, WALL_THICKNESS), height)
             for y in (-edge, edge)
         ),
     ]
