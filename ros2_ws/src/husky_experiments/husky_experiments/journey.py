@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from nav2_msgs.action import NavigateToPose
 from husky_bringup.system import ParameterValue
 from husky_experiments.morph_scripts import beta_settings
 from husky_experiments.session import Session, SessionError
+from husky_experiments.steering import heading_of
 from husky_navigation.planning.route import PlanePose
 from husky_navigation.planning.route_planner import RoutePlanner
 from husky_runtime import graph
@@ -104,11 +105,27 @@ def journey_settings(
         robot: `carbon`, or `beta`, whose legs become the arms of a quadrotor.
         course: name of one of `WORLDS`.
     """
-    plant: dict[str, ParameterValue] = {"terrain": course, "camera": True}
+    return seeing_settings(robot, seed, {"terrain": course})
+
+
+def seeing_settings(
+    robot: str, seed: int, plant: Mapping[str, ParameterValue]
+) -> dict[str, dict[str, ParameterValue]]:
+    """Return the parameters of a robot that sees and has fans, with more of the plant's."""
+    plant = {**plant, "camera": True}
     if robot == "beta":
         return beta_settings(seed, plant=plant)
     carbon: dict[str, ParameterValue] = {"mounting": "vectoring", "body": "robot_with_unit"}
     return {graph.PLANT: {**plant, **carbon, "seed": seed}}
+
+
+def off_goal(session: Session, goal: PlanePose) -> tuple[float, float]:
+    """Return the true distance [m] and angle [rad] of the base from a goal."""
+    assert session.truth is not None
+    at, turn = session.truth.pose.pose.position, session.truth.pose.pose.orientation
+    yaw = heading_of((turn.x, turn.y, turn.z, turn.w))
+    away = math.remainder(yaw - goal.yaw, 2.0 * math.pi)
+    return math.hypot(at.x - goal.x, at.y - goal.y), abs(away)
 
 
 def planner_of(world: ObstacleWorld, robot: str = "carbon") -> RoutePlanner:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from std_srvs.srv import Trigger
 
-from husky_experiments.journey import Traveller, journey_settings, planner_of
+from husky_experiments.journey import Traveller, journey_settings, off_goal, planner_of
 from husky_experiments.metrics.walking import has_fallen, lowest_upright
 from husky_experiments.run import Run
 from husky_experiments.scripts import stand_up
@@ -123,7 +123,7 @@ def run(run: Run) -> None:
             case = CASES[name]
             said = _go_through(session, traveller, case, goals[case.goal])
             session.advance(_REST)
-            off = _distance_to(session, traveller.goal)
+            off, _ = off_goal(session, traveller.goal)
             is_there = off < _NEAR
             expected_end = any(
                 word in said if word else not said and is_there for word in case.ends
@@ -142,7 +142,7 @@ def run(run: Run) -> None:
 
 def _go_through(session: Session, traveller: Traveller, case: Case, goal: PlanePose) -> str:
     """Go to a goal, or home from there, while something goes wrong; return the navigator's word."""
-    if _distance_to(session, goal) < 0.5 * _DISTANCE:
+    if off_goal(session, goal)[0] < 0.5 * _DISTANCE:
         goal = _HOME
     case.before(session, traveller)
     session.advance(_REST)
@@ -154,13 +154,6 @@ def _go_through(session: Session, traveller: Traveller, case: Case, goal: PlaneP
     if not traveller.go_on(_LONGEST):
         return f"it has not ended after {_LONGEST:g} s"
     return traveller.said
-
-
-def _distance_to(session: Session, goal: PlanePose) -> float:
-    """Return the true distance of the base from a goal [m]."""
-    assert session.truth is not None
-    at = session.truth.pose.pose.position
-    return math.hypot(at.x - goal.x, at.y - goal.y)
 
 
 def _speed(session: Session) -> float:

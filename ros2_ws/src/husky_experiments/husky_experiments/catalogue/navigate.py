@@ -19,6 +19,7 @@ from husky_experiments.journey import (
     WORLDS,
     Traveller,
     journey_settings,
+    off_goal,
     planner_of,
 )
 from husky_experiments.metrics.cycle import energy_over
@@ -26,7 +27,6 @@ from husky_experiments.metrics.walking import has_fallen, lowest_upright
 from husky_experiments.run import Run
 from husky_experiments.scripts import stand_up
 from husky_experiments.session import SessionError
-from husky_experiments.steering import heading_of
 from husky_navigation.planning.route import PlanePose, Route, RouteError
 from husky_navigation.planning.route_planner import Limits
 from husky_navigation.planning.route_search import MODES, WALK
@@ -163,11 +163,8 @@ def _visit(run: Run, reference: Reference) -> Visit:
         ended = traveller.go_on(_LONGEST)
         end, said = session.time, traveller.said if ended else f"not ended in {_LONGEST:g} s"
         session.advance(1.0)
-        truth, fell = session.truth, has_fallen(session.truth, lowest_upright(run.robot()))
-    assert truth is not None
-    at, q = truth.pose.pose.position, truth.pose.pose.orientation
-    distance = math.hypot(at.x - goal.x, at.y - goal.y)
-    angle = abs(math.remainder(heading_of((q.x, q.y, q.z, q.w)) - goal.yaw, 2.0 * math.pi))
+        distance, angle = off_goal(session, goal)
+        fell = has_fallen(session.truth, lowest_upright(run.robot()))
     near, turned = _REACHED_WITHIN[reference.course]
     return Visit(
         seed=seed,

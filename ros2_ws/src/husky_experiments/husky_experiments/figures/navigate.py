@@ -18,7 +18,7 @@ from husky_navigation.planning.route_planner import RoutePlanner
 
 _COLUMNS, _SIZE = 4, 4.5
 """Worlds in a row, and the size of each in the figure [inch]."""
-_COLOURS = {"wair": "tab:orange", "walk": "tab:blue", "quadrotor": "tab:purple"}
+MODE_COLOURS = {"wair": "tab:orange", "walk": "tab:blue", "quadrotor": "tab:purple"}
 """Of the way, by the controller's mode."""
 _VIEW = (-2.0, 11.0), (-6.5, 6.5)
 """Ground that is drawn: x and y [m]."""
@@ -71,7 +71,7 @@ def _draw(axis: Axes, journey: Journey) -> None:
             axis.plot(*leg.points.T, color="tab:green", linestyle=":", linewidth=1.5)
     base, states = journey.recording.base, journey.recording.controller
     mode = states.mode[np.searchsorted(states.time, base.time).clip(max=len(states.time) - 1)]
-    for name, colour in _COLOURS.items():
+    for name, colour in MODE_COLOURS.items():
         way: Array = np.where((mode == name)[:, None], base.position[:, :2], np.nan)
         axis.plot(*way.T, color=colour, linewidth=2.0)
     axis.plot([journey.goal.x], [journey.goal.y], marker="*", color="tab:red", markersize=10)
