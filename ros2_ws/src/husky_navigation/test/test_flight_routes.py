@@ -251,6 +251,14 @@ def test_an_altitude_needs_a_robot_that_flies() -> None:
         find_route(graph, BEFORE, BEHIND, altitude=math.nan)
 
 
+def test_beside_something_high_it_sinks_no_lower_than_where_it_is_clear() -> None:
+    """0.6 m behind a wall 0.8 m high, closer than the propellers need below 1.25 m."""
+    beside = PlanePose(0.7, 0.0, 0.0)
+    legs = find_route(graph_of(wall(0.8)), beside, BEHIND, altitude=1.3).legs
+    assert [leg.mode for leg in legs] == ["fly", "walk"]
+    assert legs[0].altitude == 1.25
+
+
 def test_far_from_free_air_there_is_no_way() -> None:
     inside = graph_of(lambda x, y: np.where(x < -1.0, 2.0, 0.0))
     assert refusal(inside, altitude=1.0) is Refusal.NO_WAY

@@ -38,7 +38,7 @@ _SLOPE = Course(slope_deg=45.0, approach=2.5, length=0.4)
 _TOP = 4.0
 """Length of the level top of the slope [m]."""
 _GAP = GapCourse(approach=3.0, step=0.25, top=5.0)
-_LOW = 0.25
+_LOW = 0.2
 """Charge with which no flight is possible: less than its energy above the navigator's reserve."""
 _SHOWN_FROM = 2.0
 """Time in a mode from which on a picture shows it [s]."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from husky_navigation.following.leg_follower import PATH_STEP, LegFollower
 from husky_navigation.planning.air_layers import STRIDE, AirLayers
-from husky_navigation.planning.planning_grid import PlanningGrid, cells_between, heading_of
+from husky_navigation.planning.planning_grid import Mask, PlanningGrid, cells_between, heading_of
 from husky_navigation.planning.route import Leg, PlanePose, Route
 from husky_navigation.planning.route_search import CLIMB, FLY
 
@@ -57,9 +57,14 @@ def is_blocked(grid: PlanningGrid, follower: LegFollower) -> bool:
         k, m = i + beside_i - 1, j + beside_j - 1
         inside = (k >= 0) & (k < lattice.cells) & (m >= 0) & (m < lattice.cells)
         is_free[inside] |= grid.free[heading[inside], k[inside], m[inside]]
+    return bool(is_rough.any()) or _is_closed_after_leaving(is_free)
+
+
+def _is_closed_after_leaving(is_free: Mask) -> bool:
+    """Return whether places each `PATH_STEP` (n,) are not free, but for the first ones."""
     was_free = np.logical_or.accumulate(is_free)
     was_free[round(_LEAVING / PATH_STEP) :] = True
-    return bool((is_rough | (was_free & ~is_free)).any())
+    return bool((was_free & ~is_free).any())
 
 
 def place_ahead(pose: PlanePose, way: float) -> Place:
@@ -106,9 +111,13 @@ def has_room_behind(grid: PlanningGrid, pose: PlanePose, way: float) -> bool:
 def air_is_blocked(
     grid: PlanningGrid, air: AirLayers, follower: LegFollower, altitude: float
 ) -> bool:
-    """Return whether something too high was seen on what is left of a flight at an altitude [m]."""
+    """Return whether something too high was seen on what is left of a flight at an altitude [m].
+
+    A robot that is too near something high may leave it.
+    """
     cells = (grid.lattice.index_of(x, y) for x, y, _ in follower.ahead())
-    return any(cell is not None and air.lowest[cell] > altitude + _LOWER for cell in cells)
+    free = [cell is None or air.lowest[cell] <= altitude + _LOWER for cell in cells]
+    return _is_closed_after_leaving(np.array(free, np.bool_))
 
 
 def may_land(grid: PlanningGrid, air: AirLayers, pose: PlanePose) -> bool:

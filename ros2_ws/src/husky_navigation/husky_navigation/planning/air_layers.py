@@ -63,16 +63,18 @@ class AirLayers(NamedTuple):
         return bool((self.lowest[cells] <= self.altitude[layer]).all())
 
     def places_near(self, cell: Cell) -> tuple[Indices, Indices, Indices]:
-        """Return the free place [k, i, j] of each layer next to a planning cell, if one is near."""
+        """Return the free place [k, i, j] next to a planning cell, in each layer in which it is
+        free; none where none is near.
+
+        A layer that is free only further away is left out: a robot that sank to it first, and went
+        on then, might hit what is beside it.
+        """
         i, j = self.place(cell)
-        found = np.zeros((0, 3), np.int64)
-        for layer, free in enumerate(self.free):
-            beside = np.argwhere(free) - (i, j)
-            beside = beside[(np.abs(beside) <= _BESIDE).all(axis=1)]
-            nearest = beside[np.argsort(np.hypot(*beside.T))[:1]] + (i, j)
-            found = np.append(found, np.insert(nearest, 0, layer, axis=1), axis=0)
-        layers, rows, columns = found.T
-        return layers, rows, columns
+        free = np.argwhere(self.free.any(axis=0))
+        beside = free[(np.abs(free - (i, j)) <= _BESIDE).all(axis=1)]
+        nearest = beside[np.argsort(np.hypot(*(beside - (i, j)).T))[:1]]
+        layers, place = np.nonzero(self.free[:, *nearest.T])
+        return layers, *nearest[place].T
 
 
 def air_layers_of(grid: PlanningGrid, fly: FlyAbility) -> AirLayers:
