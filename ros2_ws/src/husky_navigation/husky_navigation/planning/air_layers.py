@@ -1,7 +1,9 @@
 """Heights at which a robot may fly over a grid, where it may take off and land, and what it costs.
 
 A layer is one height of the base in `map`: over a step the robot flies as high as before it. Ground
-that was not seen is taken for low in the air, and hoped to be level where it lands.
+that was not seen is taken for low in the air, and hoped to be level where it lands. But the camera
+looks down, and sees no top that is higher than itself: an obstacle of which the face alone was seen
+is taken for as high as the robot may fly over.
 """
 
 from __future__ import annotations
@@ -21,6 +23,12 @@ STRIDE = 2
 """Planning cells from one place in the air to the next."""
 _HOLE = 3
 """Planning cells along an edge of the smallest patch that counts as not seen: the map has holes."""
+_FACE, _LEAST_FACE = 2, 0.2
+"""Planning cells to each side of a face among which the ground before it is, and its least height
+[m].
+"""
+_BEHIND = 1.5
+"""Planning cells behind a face within which unseen ground hides how far up it goes."""
 _BESIDE = 2
 """Places to each side among which a free one is looked for, of a robot in the air."""
 
@@ -88,14 +96,18 @@ def air_layers_of(grid: PlanningGrid, fly: FlyAbility) -> AirLayers:
     reach = math.ceil(fly.radius / resolution)
     steps = np.arange(-reach, reach + 1) * resolution
     disc = np.hypot(steps[:, None], steps[None, :]) <= fly.radius
-    top = np.where(grid.known, grid.top, -np.inf)
-    lowest: Array = fly.clearance + ndimage.maximum_filter(top, footprint=disc, mode="nearest")
     turns = grid.free_all_ways
     take_off = grid.known & turns & (grid.distance >= fly.radius)
     may_land = (turns & (grid.distance >= fly.edge))[places]
-    seen = (_distance_to_unseen(grid) >= fly.edge)[places]
-    ground = _nearest(grid.height, take_off)[places]
+    to_unseen = _distance_to_unseen(grid)
+    seen = (to_unseen >= fly.edge)[places]
     altitude = _altitudes(grid.height[take_off], fly)
+    top = np.where(grid.known, grid.top, -np.inf)
+    if altitude.size:
+        hidden = _is_face(grid) & (to_unseen < _BEHIND * resolution)
+        top[hidden] = np.maximum(top[hidden], altitude[-1] - fly.clearance)
+    lowest: Array = fly.clearance + ndimage.maximum_filter(top, footprint=disc, mode="nearest")
+    ground = _nearest(grid.height, take_off)[places]
     free = lowest[places] <= altitude[:, None, None]
     height = altitude[:, None, None] - ground
     return AirLayers(
@@ -110,6 +122,14 @@ def air_layers_of(grid: PlanningGrid, fly: FlyAbility) -> AirLayers:
         may_land & seen,
         may_land & ~seen,
     )
+
+
+def _is_face(grid: PlanningGrid) -> Mask:
+    """Return which cells are the face of an obstacle: higher than what was seen beside them."""
+    seen = np.where(grid.known, grid.top, np.inf)
+    lowest = ndimage.minimum_filter(seen, 2 * _FACE + 1, mode="nearest")
+    face: Mask = grid.known & (seen > lowest + _LEAST_FACE)
+    return face
 
 
 def _distance_to_unseen(grid: PlanningGrid) -> Array:
