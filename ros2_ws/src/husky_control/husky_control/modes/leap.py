@@ -13,14 +13,14 @@ from enum import Enum
 import numpy as np
 
 from husky_control.flight.hover import HoverPhase
-from husky_control.modes.behaviour import Behaviour, Event, Happening
+from husky_control.modes.behaviour import Behaviour, Event, Happening, Mask
 from husky_control.modes.context import ModeContext
 from husky_control.posture import PostureMove
 from husky_control.rotation import tilt_of, yaw_of
 from husky_control.tick_data import CYCLIC_POSITION, TICK, JointCommand
 from husky_description.fan import FanModel
 from husky_description.gravity import GRAVITY
-from husky_description.kinematics import Kinematics
+from husky_description.kinematics import LEGS, Kinematics
 
 LOW, HIGH = 0.59, 0.94
 """Base above the feet before and after the push, over the length of a leg [-]."""
@@ -123,6 +123,11 @@ class Leap(Behaviour):
             self.context.body.stay()
         else:
             super().estimate()
+
+    @property
+    def stance(self) -> Mask:
+        """Legs that stand, (4,) bool: all, or none once they have left the ground."""
+        return np.full(LEGS, self.phase is not LeapPhase.SPLAY)
 
     def prepare(self) -> Happening | None:
         """Give up without propellers or camera, as long as it stands."""

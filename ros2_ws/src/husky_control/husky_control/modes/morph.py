@@ -123,7 +123,6 @@ class Perch(OnPerch):
         """Whether the perch has been felt to touch the ground."""
         return self._touching >= PATIENCE
 
-
     @property
     def stance(self) -> Mask:
         """Legs that stand until the perch is felt, (4,) bool."""
