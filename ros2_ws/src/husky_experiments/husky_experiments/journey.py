@@ -27,6 +27,8 @@ WORLDS: dict[str, Callable[[np.random.Generator], ObstacleWorld]] = {
     LAB: lab_world,
 }
 """Makers of random worlds, by the name of the plant's terrain."""
+REACHED_WITHIN = {"carbon": (0.2, 0.3), "beta": (0.15, 0.5)}
+"""Distance [m] and angle [rad] from a goal within which each robot has reached it."""
 _LOOK = 0.1
 """Simulated time between two looks: the navigator's period [s]."""
 

@@ -18,7 +18,7 @@ from husky_experiments.figures.mission import Stage, draw_mission
 from husky_experiments.figures.stroboscope import Moment, stroboscope
 from husky_experiments.gap_course import GapCourse
 from husky_experiments.incline_course import Course
-from husky_experiments.journey import Traveller, off_goal, seeing_settings
+from husky_experiments.journey import REACHED_WITHIN, Traveller, off_goal, seeing_settings
 from husky_experiments.metrics.cycle import energy_over
 from husky_experiments.metrics.walking import has_fallen, lowest_upright
 from husky_experiments.recordings.recording import Recording
@@ -32,11 +32,11 @@ _LONGEST = 200.0
 """Simulated time that the way to a goal may take [s]."""
 _LOOKING = 2.0
 """Time to look at the ground before the first goal, and to come to rest behind each [s]."""
-_WITHIN = {"carbon": (0.2, 0.3), "beta": (0.15, 0.5)}
-"""Distance [m] and angle [rad] within which a goal is reached."""
 _SLOPE = Course(slope_deg=45.0, approach=2.5, length=0.4)
 _TOP = 4.0
 """Length of the level top of the slope [m]."""
+_TOP_HEIGHT = float(_SLOPE.crest_middle[2]) + _SLOPE.blend
+"""Height of that top [m]."""
 _GAP = GapCourse(approach=3.0, step=0.25, top=5.0)
 _LOW = 0.2
 """Charge with which no flight is possible: less than its energy above the navigator's reserve."""
@@ -54,6 +54,7 @@ class Goal:
         name: of the metrics.
         pose: in `map`.
         modes: of the controller by which it must get there; each is used.
+        height: of the ground there [m].
         charge: that the battery is given before [-].
         refused: a word of the reason for which the navigator must not go; "" if it must.
     """
@@ -61,6 +62,7 @@ class Goal:
     name: str
     pose: PlanePose
     modes: tuple[str, ...]
+    height: float = 0.0
     charge: float = 1.0
     refused: str = ""
 
@@ -70,13 +72,13 @@ _ON_STEP = PlanePose(_GAP.far_edge + 2.5, 0.5, 0.0)
 _ON_TOP = PlanePose(float(_SLOPE.crest_middle[0]) + 2.5, 1.0, 0.0)
 MISSIONS = {
     "carbon": (
-        Goal("up", _ON_TOP, ("walk", "wair")),
+        Goal("up", _ON_TOP, ("walk", "wair"), _TOP_HEIGHT),
         Goal("back", _HOME, ("walk", "wair")),
     ),
     "beta": (
-        Goal("low_charge", _ON_STEP, (), _LOW, refused="battery"),
-        Goal("low_charge_walk", PlanePose(1.0, 0.5, 0.0), ("walk",), _LOW),
-        Goal("over_gap", _ON_STEP, ("walk", "quadrotor")),
+        Goal("low_charge", _ON_STEP, (), charge=_LOW, refused="battery"),
+        Goal("low_charge_walk", PlanePose(1.0, 0.5, 0.0), ("walk",), charge=_LOW),
+        Goal("over_gap", _ON_STEP, ("walk", "quadrotor"), _GAP.step),
         Goal("back", _HOME, ("walk", "quadrotor")),
     ),
 }
@@ -141,7 +143,7 @@ def _settings(robot: str, seed: int) -> dict[str, dict[str, ParameterValue]]:
 
 
 def _go(session: Session, traveller: Traveller, goal: Goal, lowest: float) -> Way:
-    """Go to a goal; `lowest` is the height of the base below which the robot has fallen [m]."""
+    """Go to a goal; `lowest` is the height over ground below which the robot has fallen [m]."""
     session.inject(graph.PLANT_INJECT_FAULT, "battery", str(goal.charge))
     session.advance(_LOOKING)
     start = session.time
@@ -149,7 +151,7 @@ def _go(session: Session, traveller: Traveller, goal: Goal, lowest: float) -> Wa
     said = traveller.said if traveller.go_on(_LONGEST) else f"not ended in {_LONGEST:g} s"
     end = session.time
     session.advance(_LOOKING)
-    fell = has_fallen(session.truth, lowest)
+    fell = has_fallen(session.truth, goal.height + lowest)
     return Way(goal, start, end, said, off_goal(session, goal.pose), fell)
 
 
@@ -170,7 +172,8 @@ def _judge(run: Run, robot: str, way: Way, recording: Recording) -> None:
     if goal.refused:
         run.require(f"{name}_refused", int(goal.refused in way.said), lower=1)
         return
-    near, turned = _WITHIN[robot]
+    run.require(f"{name}_reached", int(not way.said), lower=1)
+    near, turned = REACHED_WITHIN[robot]
     run.require(f"{name}_off_m", way.off[0], upper=near)
     run.require(f"{name}_off_rad", way.off[1], upper=turned)
 
@@ -189,8 +192,8 @@ def _film(run: Run, robot: str, recording: Recording, ways: list[Way]) -> None:
 
 
 def _moments(recording: Recording, start: float, end: float) -> list[Moment]:
-    """Return when to show the robot between two times [s]: at the ends, in the midst of each mode
-    in which it goes somewhere, and where its legs are arms.
+    """Return when to show the robot between two times [s]: at the ends, and in the midst of each
+    time in a mode in which it goes somewhere.
     """
     states = recording.controller.between(start, end)
     changes = np.flatnonzero(states.mode[1:] != states.mode[:-1]) + 1

@@ -16,6 +16,7 @@ import numpy as np
 from husky_experiments.journey import (
     LAB,
     OBSTACLES,
+    REACHED_WITHIN,
     WORLDS,
     Traveller,
     journey_settings,
@@ -35,8 +36,6 @@ _LONGEST = 300.0
 """Simulated time that a world may take [s]."""
 _LOOKING = 2.0
 """Time to look at the ground before the goal is sent [s]."""
-_REACHED_WITHIN = {OBSTACLES: (0.2, 0.3), LAB: (0.15, 0.5)}
-"""Distance [m] and angle [rad] from the goal within which it is reached, on each course."""
 _COURSES = {"carbon": OBSTACLES, "beta": LAB}
 """On which a robot is sent if nothing else is asked for."""
 _REACHED = 0.9
@@ -165,7 +164,7 @@ def _visit(run: Run, reference: Reference) -> Visit:
         session.advance(1.0)
         distance, angle = off_goal(session, goal)
         fell = has_fallen(session.truth, lowest_upright(run.robot()))
-    near, turned = _REACHED_WITHIN[reference.course]
+    near, turned = REACHED_WITHIN[reference.robot]
     return Visit(
         seed=seed,
         barrier=reference.barrier,

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from husky_description.arrays import Array
-from husky_experiments.figures.navigate import MODE_COLOURS
+from husky_experiments.figures.navigate import MODE_COLOURS, modes_at_base
 from husky_experiments.figures.style import (
     TRUTH,
     frame,
@@ -43,8 +43,7 @@ def draw_mission(recording: Recording, stages: Sequence[Stage], directory: Path)
     title = "Mission: blue walked, orange climbed, purple flown"
     figure, axes = make_figure(3, 1, title, (13.0, 11.0), height_ratios=(1.0, 1.2, 1.0))
     side, above, power = axes[:, 0]
-    base, states = recording.base, recording.controller
-    mode = states.mode[np.searchsorted(states.time, base.time).clip(max=len(states.time) - 1)]
+    base, mode = recording.base, modes_at_base(recording)
     ways = {name: mode == name for name in MODE_COLOURS}
     ways[""] = ~np.any(list(ways.values()), axis=0)
     for axis, height, unit in ((side, 2, "z [m]"), (above, 1, "y [m]")):

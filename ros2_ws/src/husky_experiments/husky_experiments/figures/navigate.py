@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 from husky_description.arrays import Array
 from husky_experiments.figures.style import label, make_figure, save
 from husky_experiments.recordings.recording import Recording
+from husky_experiments.recordings.tables import Words
 from husky_navigation.planning.route import PlanePose, Route
 from husky_navigation.planning.route_planner import RoutePlanner
 
@@ -62,6 +63,12 @@ def draw_journeys(journeys: Sequence[Journey], directory: Path) -> Path:
     return save(figure, directory, "journeys")
 
 
+def modes_at_base(recording: Recording) -> Words:
+    """Return the controller's mode at each of the base's times (n,)."""
+    states, times = recording.controller, recording.base.time
+    return states.mode[np.searchsorted(states.time, times).clip(max=len(states.time) - 1)]
+
+
 def _draw(axis: Axes, journey: Journey) -> None:
     world = journey.planner.world
     x, y = world.lattice.cell_centers()
@@ -69,8 +76,7 @@ def _draw(axis: Axes, journey: Journey) -> None:
     if journey.best is not None:
         for leg in journey.best.legs:
             axis.plot(*leg.points.T, color="tab:green", linestyle=":", linewidth=1.5)
-    base, states = journey.recording.base, journey.recording.controller
-    mode = states.mode[np.searchsorted(states.time, base.time).clip(max=len(states.time) - 1)]
+    base, mode = journey.recording.base, modes_at_base(journey.recording)
     for name, colour in MODE_COLOURS.items():
         way: Array = np.where((mode == name)[:, None], base.position[:, :2], np.nan)
         axis.plot(*way.T, color=colour, linewidth=2.0)
