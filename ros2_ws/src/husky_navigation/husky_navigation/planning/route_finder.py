@@ -167,7 +167,7 @@ class _Builder:
     """Makes the legs of a route from the steps of a search."""
 
     def __init__(
-        self, graph: RouteGraph, start: PlanePose, goal: PlanePose, altitude: float = math.nan
+        self, graph: RouteGraph, start: PlanePose, goal: PlanePose, altitude: float
     ) -> None:
         """Take the ends of the route, and the altitude of a robot in the air [m]."""
         self._graph, self._start, self._goal, self._altitude = graph, start, goal, altitude

@@ -130,7 +130,9 @@ class RoutePlanner:
             moves = self._moves.get(key)
             if moves is None:
                 ground, modes, closed = self.grid(), limits.modes, limits.closed
-                moves = RouteGraph(ground, self._abilities, self._costs, prices, modes, closed)
+                moves = RouteGraph(
+                    ground, self._abilities, self._costs, prices, modes, closed, self.air()
+                )
                 self._moves[key] = moves
             return moves
 

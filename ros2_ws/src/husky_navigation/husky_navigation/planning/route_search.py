@@ -154,6 +154,7 @@ class RouteGraph:
         prices: Prices = PRICES,
         modes: Sequence[str] = MODES,
         closed: Sequence[Place] = (),
+        air: AirLayers | None = None,
     ) -> None:
         """Price every edge.
 
@@ -166,6 +167,7 @@ class RouteGraph:
             closed: places that were looked at, and not seen: ground around them that was not seen,
                 and slopes that begin there and were not seen whole, are not gone on, nor are they
                 landed on [m].
+            air: over the grid, where it was made before.
 
         Raises:
             ValueError: no such mode.
@@ -189,7 +191,7 @@ class RouteGraph:
         self.flight_costs: FlightCosts | None = None
         if abilities.fly is not None and FLY in modes:
             self.flight_costs = FlightCosts(costs, abilities.fly)
-            self.air = air_layers_of(grid, abilities.fly)
+            self.air = air or air_layers_of(grid, abilities.fly)
             parts += self._flights(self.air, self.flight_costs, closed)
         edges = _Edges._make(np.concatenate(part) for part in zip(*parts, strict=True))
         order = np.argsort(edges.start, kind="stable")
