@@ -15,8 +15,11 @@ PERCH, SPLAY, QUADROTOR = "perch", "splay", "quadrotor"
 MODE_OF = {WALK: TROT, CLIMB: WAIR, FLY: QUADROTOR}
 """Mode of the controller in which a leg is gone."""
 _LEAST_RISE, _LEAST_DEPTH = 0.2, 0.1
-"""Height over where it took off of the lowest flight, and depth down to which a landing looks for
-ground at least [m].
+"""Height over where it took off of the lowest flight, the lower bound of the controller's parameter
+`quadrotor.height`, and depth down to which a landing looks for ground at least [m].
+
+The bound of `quadrotor.landing_depth` is 0.05 m; as much again is for errors of the height in
+flight, by which no landing is to be broken off.
 """
 
 
@@ -35,6 +38,7 @@ class RobotView(NamedTuple):
         waits: for an answer to something that it was asked for.
         height: of the base in `map` [m].
         take_off: that of the robot on its perch, before its flight [m]; NaN if it was not there.
+        lands: the navigator has asked for the landing that goes on, or was the last one.
     """
 
     time: float
@@ -48,6 +52,7 @@ class RobotView(NamedTuple):
     waits: bool = False
     height: float = 0.0
     take_off: float = math.nan
+    lands: bool = False
 
 
 class FlightHeights(NamedTuple):
@@ -86,7 +91,7 @@ def wish_of(leg: Leg, view: RobotView) -> Wish:
         return Wish(TROT)
     if view.mode not in (SPLAY, QUADROTOR):
         return Wish(QUADROTOR)
-    is_known = math.isfinite(view.take_off)  # else an operator has flown it here
+    is_known = math.isfinite(view.take_off)  # else no height can be set
     return Wish(QUADROTOR, fans=True, heights=_heights(leg, view) if is_known else None)
 
 

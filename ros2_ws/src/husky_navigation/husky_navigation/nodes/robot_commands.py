@@ -54,6 +54,7 @@ class RobotCommands:
     Attributes:
         refusal: why the controller, or the autopilot, has refused the last request; "" if it has
             not.
+        lands: the last mode that was asked for was the landing of a flight.
     """
 
     def __init__(self, node: Node, on_answer: Callable[[], None]) -> None:
@@ -76,6 +77,7 @@ class RobotCommands:
         self._armed_at: float | None = None
         self._armed_by_us = False
         self.refusal = ""
+        self.lands = False
 
     def hear(self, fans: PropulsionState) -> None:
         """Take a word of the propulsion unit."""
@@ -105,7 +107,7 @@ class RobotCommands:
             mode: of the controller.
             now: time [s].
         """
-        self._forget_lost(now)
+        self._begin_step(mode, now)
         self._set_fans(wish.fans, mode, now)
         if mode in _FOLLOWS_VELOCITY:
             twist = Twist()
@@ -117,12 +119,22 @@ class RobotCommands:
         wanted = _next_mode(mode, wish.mode)
         if wanted == mode or (wanted in _USES_FANS and not self.fans_ready(now)):
             return
+        self.lands = mode == QUADROTOR
         self._request("mode", self._mode, SetMode.Request(mode=wanted), now)
 
     def rest(self, mode: str, now: float) -> None:
         """Disarm fans that were armed here, once nothing hangs on them."""
-        self._forget_lost(now)
+        self._begin_step(mode, now)
         self._set_fans(False, mode, now)
+
+    def _begin_step(self, mode: str, now: float) -> None:
+        """Forget what does not hold any more.
+
+        Others set the heights of a flight too, before it; none of ours count for the next one.
+        """
+        self._forget_lost(now)
+        if mode not in (SPLAY, QUADROTOR):
+            self._heights, self.lands = None, False
 
     def _set_heights(self, heights: FlightHeights, now: float) -> bool:
         """Set the heights of a flight at the controller; return whether they are set."""
@@ -146,9 +158,13 @@ class RobotCommands:
         return "; ".join(refusals)
 
     def _set_fans(self, wanted: bool, mode: str, now: float) -> None:
-        """Arm the fans and hand them over; disarm what was armed here, once nothing hangs on it."""
+        """Arm the fans and hand them over; disarm what was armed here, once nothing hangs on it.
+
+        A mode that uses the fans began with them: if they do not follow the controller any more, a
+        pilot has taken over, and is not to lose them again.
+        """
         fans = self._fans
-        if fans is None:
+        if fans is None or (wanted and mode in _USES_FANS):
             return
         if wanted and fans.mode != "OFFBOARD":
             request = SetFlightMode.Request(mode="OFFBOARD")
