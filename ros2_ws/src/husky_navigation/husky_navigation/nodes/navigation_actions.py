@@ -29,6 +29,7 @@ from husky_navigation.following.navigation import Navigation, Outcome
 from husky_navigation.following.robot_wish import RobotView
 from husky_navigation.nodes.route_messages import pose_message
 from husky_navigation.planning.route import PlanePose, Refusal, Route, RouteError
+from husky_navigation.planning.route_search import Place
 from husky_runtime import graph
 
 _PLANNING = ComputePathToPose.Result
@@ -101,6 +102,9 @@ class GoalTaker(Protocol):
     def here(self) -> PlanePose:
         """Return where the robot is in `map`; raises ValueError if it does not know."""
 
+    def altitude(self) -> float | None:
+        """Return the height of the base in `map` of a robot in flight [m], None on the ground."""
+
     def begin(self, goals: Sequence[PlanePose], after: Errand | None = None) -> Errand:
         """Go to goals; a navigation that goes on is replaced, but for one that came after a given
         errand.
@@ -109,8 +113,16 @@ class GoalTaker(Protocol):
     def begin_along(self, poses: Sequence[PlanePose]) -> Errand:
         """Go along a path; raises ValueError if it has no two places."""
 
-    def plan(self, start: PlanePose, goal: PlanePose) -> Route:
-        """Return the cheapest route; raises RouteError for none."""
+    def plan(
+        self,
+        start: PlanePose,
+        goal: PlanePose,
+        closed: tuple[Place, ...] = (),
+        altitude: float | None = None,
+    ) -> Route:
+        """Return the cheapest route, of a robot in the air from its altitude [m]; raises RouteError
+        for none.
+        """
 
     def path_of(self, route: Route) -> Path:
         """Return a route as a path."""
@@ -250,7 +262,8 @@ class NavigationActions:
             goal = self._taker.goal_of(request.goal)
             use_start = request.use_start
             start = self._taker.goal_of(request.start) if use_start else self._taker.here()
-            route = self._taker.plan(start, goal)
+            altitude = None if use_start else self._taker.altitude()
+            route = self._taker.plan(start, goal, altitude=altitude)
         except RouteError as error:
             result.error_code, result.error_msg = _REFUSALS[error.refusal], str(error)
         except ValueError as error:

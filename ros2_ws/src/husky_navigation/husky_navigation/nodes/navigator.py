@@ -25,9 +25,8 @@ from husky_description.actuation import BUS_SERVOS, DRIVES
 from husky_description.rotation import Quaternion, Vector
 from husky_description.sections import BatterySection
 from husky_msgs.msg import ControllerState, NavigatorState, PropulsionState
-from husky_navigation.following.ground_checks import Place
 from husky_navigation.following.navigation import Navigation, Outcome
-from husky_navigation.following.robot_wish import SPLAY, RobotView
+from husky_navigation.following.robot_wish import QUADROTOR, SPLAY, RobotView
 from husky_navigation.frame_filter import LevelTransform, heading_between
 from husky_navigation.nodes.map_messages import elevation_of
 from husky_navigation.nodes.navigation_actions import Errand, NavigationActions
@@ -37,7 +36,7 @@ from husky_navigation.planning.given_path import GivenPath
 from husky_navigation.planning.planning_grid import PlanningGrid
 from husky_navigation.planning.route import PlanePose, Route
 from husky_navigation.planning.route_planner import Limits, RoutePlanner
-from husky_navigation.planning.route_search import FLY, MODES, WALK
+from husky_navigation.planning.route_search import FLY, MODES, WALK, Place
 from husky_runtime import graph
 from husky_runtime.nodes import diagnostics, qos, stamps
 from husky_runtime.nodes.message_guard import Refused
@@ -190,6 +189,7 @@ class Navigator(OneClock, Node):
         """The world has started again at an earlier time: nothing is known of it."""
         self._planner.clear()
         self._step_ns = self._map_ns = -1
+        self._take_off = math.nan
         self._finish(Outcome.LOST, "time has gone back")
 
     # What actions ask for -----------------------------------------------------------------------
@@ -211,6 +211,13 @@ class Navigator(OneClock, Node):
         if pose is None or self._is_silent():
             raise ValueError(f"there is no pose on {graph.absolute(graph.MAP_POSE)}")
         return plane_pose(pose.pose.pose)
+
+    def altitude(self) -> float | None:
+        """Return the height of the base in `map` of a robot in flight [m], None on the ground."""
+        pose, state = self._pose, self._state
+        if pose is None or state is None or state.mode != QUADROTOR:
+            return None
+        return float(pose.pose.pose.position.z)
 
     def begin(self, goals: Sequence[PlanePose], after: Errand | None = None) -> Errand:
         """Go to goals from the next step on; a navigation that goes on is replaced.
@@ -320,6 +327,8 @@ class Navigator(OneClock, Node):
         height = pose.pose.pose.position.z
         if state.mode == SPLAY:
             self._take_off = height
+        elif state.mode != QUADROTOR:
+            self._take_off = math.nan
         view = RobotView(
             time=now,
             pose=plane_pose(pose.pose.pose),
@@ -332,6 +341,7 @@ class Navigator(OneClock, Node):
             waits=self._commands.waits,
             height=height,
             take_off=self._take_off,
+            lands=self._commands.lands,
         )
         errand = self._errand
         if errand is not None:
