@@ -10,13 +10,12 @@ import pytest
 from planned_ground import CARBON, HIGH, Ridge, costs, grid_seen, level, wall
 
 from husky_description.arrays import Array
-from husky_navigation.following.ground_checks import Place
 from husky_navigation.following.navigation import Navigation, Outcome
 from husky_navigation.following.robot_wish import RobotView, Wish
 from husky_navigation.planning.planning_grid import PlanningGrid
 from husky_navigation.planning.route import PlanePose, Refusal, Route, RouteError
 from husky_navigation.planning.route_finder import find_route
-from husky_navigation.planning.route_search import MODES, WALK, RouteGraph
+from husky_navigation.planning.route_search import MODES, WALK, Place, RouteGraph
 
 PERIOD = 0.1
 RIDGE = Ridge(30.0)
@@ -506,7 +505,7 @@ def test_a_robot_that_does_not_stand_is_told_to(flat: PlanningGrid) -> None:
     robot.mode = "passive"
     navigation = robot.run(Navigation([PlanePose(4.0, 0.0, 0.0)], robot.plan))
     assert navigation.outcome is Outcome.NOT_READY
-    assert "in mode passive, it must be in stand, walk or wair" in navigation.reason
+    assert "in mode passive, it must be in stand_up, stand, walk, wair, perch" in navigation.reason
 
 
 def test_a_robot_that_was_stopped_goes_nowhere(flat: PlanningGrid) -> None:

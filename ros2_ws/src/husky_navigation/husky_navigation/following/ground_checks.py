@@ -8,9 +8,16 @@ import numpy as np
 
 from husky_navigation.following.leg_follower import PATH_STEP, LegFollower
 from husky_navigation.planning.air_layers import STRIDE, AirLayers
-from husky_navigation.planning.planning_grid import Mask, PlanningGrid, cells_between, heading_of
+from husky_navigation.planning.planning_grid import (
+    Cell,
+    Indices,
+    Mask,
+    PlanningGrid,
+    cells_between,
+    heading_of,
+)
 from husky_navigation.planning.route import Leg, PlanePose, Route
-from husky_navigation.planning.route_search import CLIMB, FLY
+from husky_navigation.planning.route_search import CLIMB, FLY, Place
 
 SIGHT = 0.7, 1.0
 """Ground ahead of the base that must have been seen, from and to [m]; nearer the camera of a robot
@@ -22,13 +29,17 @@ behind it [m].
 """
 _SAME_PLACE = 1.0
 """Distance between two places from which the same slope is seen [m]."""
-_LOWER = 0.1
-"""How much lower than was planned a robot may pass over what was seen: the map has noise [m]."""
+_LOWER = 0.05
+"""How much lower than was planned a robot may pass over what was seen: the map has noise [m].
+
+With the 0.08 m below its altitude at which a flight sets out, `navigation._NEAR_TOP`, these are
+0.13 m of the 0.16 m that are below the perch: `FlyAbility.clearance` 0.45 m less `perched` 0.29 m.
+"""
 _LEAVING = 0.5
 """Way within which a robot leaves an obstacle that it is too near to [m]."""
 
-Place = tuple[float, float]
-"""In `map` [m]."""
+_SIDEWAYS = 0.3
+"""Way up to which a flight to a landing keeps its heading; on longer ones it turns ahead [m]."""
 
 
 def needs_a_look(route: Route, place: Place) -> bool:
@@ -113,40 +124,105 @@ def air_is_blocked(
 ) -> bool:
     """Return whether something too high was seen on what is left of a flight at an altitude [m].
 
-    A robot that is too near something high may leave it.
+    A robot that is too near something high may leave it. Cells beside the way count as free too, as
+    in `is_blocked`: the planner looks at the cells between the centres of others.
     """
     cells = (grid.lattice.index_of(x, y) for x, y, _ in follower.ahead())
-    free = [cell is None or air.lowest[cell] <= altitude + _LOWER for cell in cells]
+    free = [
+        cell is None or float(air.lowest[_around(cell)].min()) <= altitude + _LOWER
+        for cell in cells
+    ]
     return _is_closed_after_leaving(np.array(free, np.bool_))
+
+
+def _around(cell: Cell) -> tuple[slice, slice]:
+    """Return the cell and those beside it, 3 x 3."""
+    i, j = cell
+    return slice(max(0, i - 1), i + 2), slice(max(0, j - 1), j + 2)
 
 
 def may_land(grid: PlanningGrid, air: AirLayers, pose: PlanePose) -> bool:
     """Return whether a robot may land where it is: level ground was seen all around."""
+    return _is_any_near(grid, air.landing, pose)
+
+
+def may_hope_to_land(grid: PlanningGrid, air: AirLayers, pose: PlanePose) -> bool:
+    """Return whether only ground that was not seen speaks against a landing."""
+    return _is_any_near(grid, air.hoped, pose)
+
+
+def _is_any_near(grid: PlanningGrid, places: Mask, pose: PlanePose) -> bool:
+    """Return whether one of the places in the air around a pose is marked."""
     cell = grid.lattice.index_of(pose.x, pose.y)
     if cell is None:
         return False
-    i, j = (slice(max(0, index // STRIDE - 1), index // STRIDE + 2) for index in cell)
-    return bool(air.landing[i, j].any())
+    i, j = cell
+    return bool(places[_around((i // STRIDE, j // STRIDE))].any())
+
+
+def ground_below(grid: PlanningGrid, air: AirLayers, leg: Leg) -> float:
+    """Return the height in `map` of the ground at the end of a flight, as it is known now [m]."""
+    cell = grid.lattice.index_of(*leg.points[-1].tolist())
+    return leg.ground if cell is None else float(air.ground[air.place(cell)])
 
 
 def nearest_landing(
-    grid: PlanningGrid, air: AirLayers, pose: PlanePose, altitude: float
+    grid: PlanningGrid, air: AirLayers, pose: PlanePose, altitude: float, *, may_rise: bool
 ) -> Leg | None:
-    """Return the straight way to the nearest place to land, None where none was seen.
+    """Return the straight way to the nearest place to land, None where there is none.
+
+    Places that are reached at the altitude of now come first. Without any place to land the
+    nearest ground on which the robot fits is taken.
 
     Args:
         grid: the ground.
         air: over it.
         pose: of the robot.
-        altitude: at which it flies; the way is higher where something on it is too high [m].
+        altitude: at which it flies [m].
+        may_rise: the way may be higher where something on it is too high, up to the highest layer.
     """
     here = grid.lattice.index_of(pose.x, pose.y)
-    places = np.argwhere(air.landing)
-    if here is None or len(places) == 0:
+    if here is None:
         return None
-    i, j = places[np.argmin(np.hypot(*(STRIDE * places - here).T))]
-    end = STRIDE * int(i), STRIDE * int(j)
-    least = float(air.lowest[cells_between(here, end)].max())
-    top = altitude if least <= altitude + _LOWER else least
-    points, ground = np.array((pose[:2], grid.centre(end))), float(air.ground[i, j])
-    return Leg(FLY, points, pose.yaw, 0.0, 0.0, altitude=top, ground=ground)
+    highest = float(air.altitude.max(initial=altitude)) if may_rise else altitude
+    for places in (STRIDE * np.argwhere(air.landing), np.argwhere(air.take_off)):
+        found = _nearest_of(places, grid, air, here, (altitude, highest))
+        if found is not None:
+            end, top = found
+            points, ground = np.array((pose[:2], grid.centre(end))), air.ground[air.place(end)]
+            dx, dy = points[1] - points[0]
+            yaw = math.atan2(dy, dx) if math.hypot(dx, dy) > _SIDEWAYS else pose.yaw
+            return Leg(FLY, points, yaw, 0.0, 0.0, altitude=top, ground=float(ground))
+    return None
+
+
+def _nearest_of(
+    places: Indices,
+    grid: PlanningGrid,
+    air: AirLayers,
+    here: Cell,
+    altitudes: tuple[float, float],
+) -> tuple[Cell, float] | None:
+    """Return the nearest cell that is reached, and the altitude of the way there [m].
+
+    A robot that is too near something high may leave it first.
+
+    Args:
+        places: cells (n, 2).
+        grid: the ground.
+        air: over the ground.
+        here: cell from which the way leads.
+        altitudes: that is tried first, and the highest [m].
+    """
+    altitude, highest = altitudes
+    higher = None
+    for i, j in places[np.argsort(np.hypot(*(places - here).T))].tolist():
+        lowest = air.lowest[cells_between(here, (i, j))]
+        way = math.dist(here, (i, j)) * grid.lattice.resolution
+        leaving = round(len(lowest) * _LEAVING / max(way, _LEAVING))
+        too_low = lowest > altitude + _LOWER
+        if not too_low[np.argmin(too_low[:leaving]) :].any():
+            return (i, j), altitude
+        if higher is None and lowest.max() <= highest:
+            higher = (i, j), float(lowest.max())
+    return higher

@@ -14,13 +14,14 @@ import numpy as np
 
 from husky_navigation.following.ground_checks import (
     SIGHT,
-    Place,
     air_is_blocked,
     can_climb_on,
     can_walk,
+    ground_below,
     has_room_behind,
     is_blocked,
     is_seen,
+    may_hope_to_land,
     may_land,
     nearest_landing,
     needs_a_look,
@@ -47,13 +48,17 @@ from husky_navigation.following.robot_wish import (
 from husky_navigation.planning.air_layers import AirLayers
 from husky_navigation.planning.planning_grid import PlanningGrid
 from husky_navigation.planning.route import Leg, PlanePose, Refusal, Route, RouteError
-from husky_navigation.planning.route_search import CLIMB, FLY, WALK
+from husky_navigation.planning.route_search import CLIMB, FLY, WALK, Place
 
 PACES = {
     WALK: Pace(forward=0.4, sideways=0.12, turn=0.5, place=0.06, heading=0.08),
     CLIMB: Pace(forward=0.25, sideways=0.0, turn=0.2, place=0.0, heading=0.0),
     FLY: Pace(forward=0.48, sideways=0.3, turn=0.4, place=0.1, heading=0.1),
 }
+"""Of each way of moving. A flight goes ahead at `FlyAbility.speed`; sideways and in turns it keeps
+below the controller's limits `quadrotor.max_speed` (0.5 m/s) and `quadrotor.max_yaw_rate`
+(0.5 rad/s), 0.3 m/s being all that its follower asks for within 0.35 m of the end.
+"""
 _BEGINS_IN = ("stand_up", STAND, TROT, WAIR, PERCH, SPLAY, QUADROTOR)
 """Modes in which a robot can be sent somewhere."""
 _CHANGING = 12.0
@@ -88,6 +93,8 @@ _BACK, _BACK_TIME = 0.15, 2.0
 """Speed and time of a step back [m/s, s]."""
 _LOOK_RATE, _LOOK_TIME = 0.4, 3.0
 """Yaw rate to each side [rad/s], and time to the left end; three times that in all [s]."""
+_NO_LANDING = "the ground where it was to land is seen, and is not fit for that"
+"""Reason of a flight that ends over such ground."""
 _LONG = 1.0
 """Length of a leg after which the way is planned anew, as more is seen by then [m]."""
 
@@ -154,6 +161,7 @@ class Navigation:
         self._follower: LegFollower | None = None
         self._began = self._turned_back = self._is_on_slope = False
         self._has_landed = self._has_climbed = self._comes_down = False
+        self._refuge: tuple[Leg, LegFollower] | None = None  # where a stopped flight lands
         self._mode = ""
         self._air: AirLayers | None = None
         self._since = 0.0
@@ -233,7 +241,7 @@ class Navigation:
         """Stop the robot, then end."""
         if self.outcome is None and self._phase is not _Phase.STOP:
             self._ending, self.reason = outcome, reason or outcome.value
-            self._comes_down = False
+            self._comes_down, self._refuge = False, None
             self._enter(_Phase.STOP, view)
 
     def finish(self, outcome: Outcome, reason: str = "") -> None:
@@ -256,14 +264,33 @@ class Navigation:
         """End where the robot is in a mode in which it goes nowhere; each mode has its own time."""
         if view.mode != self._mode and self._phase in (_Phase.CHANGE, _Phase.STOP):
             self._since = view.time
-        self._mode = view.mode
+        before, self._mode = self._mode, view.mode
         if view.mode in _BEGINS_IN:
             self._began = True
+            self._look_at_flight(view, before)
         elif self._began:
             self.finish(Outcome.STOPPED, f"{Outcome.STOPPED.value}: it is in mode {view.mode}")
         else:
-            told = f"it is in mode {view.mode}, it must be in {STAND}, {TROT} or {WAIR}"
+            begins_in = f"{', '.join(_BEGINS_IN[:-1])} or {_BEGINS_IN[-1]}"
+            told = f"it is in mode {view.mode}, it must be in {begins_in}"
             self.finish(Outcome.NOT_READY, f"{Outcome.NOT_READY.value}: {told}")
+
+    def _look_at_flight(self, view: RobotView, before: str) -> None:
+        """End a flight that others or a fault have ended; land one that has lost a fan.
+
+        Args:
+            view: of the robot.
+            before: mode in the last step.
+        """
+        if self._phase is _Phase.STOP:
+            return
+        if view.mode == QUADROTOR and not view.has_fans and not self._has_landed:
+            self.stop(view, Outcome.STOPPED, f"{Outcome.STOPPED.value}: a fan is lost in flight")
+        elif (before, view.mode) == (QUADROTOR, SPLAY) and not view.lands:
+            told = "it has landed, and was not asked to by the navigator"
+            self.finish(Outcome.STOPPED, f"{Outcome.STOPPED.value}: {told}")
+        elif (before, view.mode) == (QUADROTOR, SPLAY) and not self._has_landed:
+            self._enter(_Phase.PLAN, view)  # an earlier navigation has begun that landing
 
     def _make_route(self, view: RobotView) -> None:
         self._planned_at, self._turned_back = view.time, False
@@ -300,6 +327,11 @@ class Navigation:
             else:
                 self._enter(_Phase.PLAN, view)
             return
+        can_rise = view.mode != QUADROTOR or math.isfinite(view.take_off)
+        if leg.mode == FLY and not can_rise and not self._is_ready(leg, view):
+            told = "it flies, and cannot rise: the navigator does not know where it took off"
+            self.stop(view, Outcome.NOT_READY, f"{Outcome.NOT_READY.value}: {told}")
+            return
         self._follower = follower_of(leg, PACES[leg.mode])
         self._enter(_Phase.LOOK if leg.mode == CLIMB and not leg.is_seen else _Phase.CHANGE, view)
 
@@ -328,6 +360,10 @@ class Navigation:
         """Wait for the mode of the leg."""
         assert self.leg is not None
         wish = wish_of(self.leg, view)
+        if self._lacks_fans(self.leg, view):
+            self._enter(_Phase.PLAN, view)
+            self._begin_again(view)
+            return Wish(TROT)
         if self._is_ready(self.leg, view):
             if self._has_landed:
                 self._has_landed = False
@@ -344,6 +380,11 @@ class Navigation:
         if leg.mode == FLY:
             return view.mode == QUADROTOR and view.height > leg.altitude - _NEAR_TOP
         return view.mode == MODE_OF[leg.mode] and (view.fans_ready or leg.mode != CLIMB)
+
+    def _lacks_fans(self, leg: Leg, view: RobotView) -> bool:
+        """Return whether a robot on its legs or its perch has lost a fan that a leg needs."""
+        needs_fans = leg.mode != WALK and not leg.downwards
+        return needs_fans and not view.has_fans and view.mode not in (WAIR, QUADROTOR)
 
     def _follow(self, view: RobotView, grid: PlanningGrid) -> Wish:
         leg, follower = self.leg, self._follower
@@ -404,6 +445,7 @@ class Navigation:
     def _fly(self, view: RobotView, grid: PlanningGrid, leg: Leg, follower: LegFollower) -> Wish:
         """Fly on; land where the ground turns out to be fit for it, else look and plan again."""
         assert self._air is not None
+        leg = replace(leg, ground=ground_below(grid, self._air, leg))
         hover, velocity = wish_of(leg, view), follower.command(view.pose)
         if velocity is None:
             if may_land(grid, self._air, view.pose):
@@ -411,13 +453,14 @@ class Navigation:
             else:
                 x, y = leg.points[-1].tolist()
                 self._closed = (*self._closed, (x, y))
-                self._give_up(view, Outcome.UNSEEN)
+                is_unseen = may_hope_to_land(grid, self._air, view.pose)
+                self._give_up(view, Outcome.UNSEEN, "" if is_unseen else _NO_LANDING)
             return hover
         if air_is_blocked(grid, self._air, follower, leg.altitude) or self._needs_another(view):
             self._enter(_Phase.PLAN, view)
             self._begin_again(view)
             return hover
-        if view.map_age > _OLD:  # ground that it flies over may be hidden, what is high is not
+        if view.map_age > _OLD:  # the ground below need not be seen, new obstacles ahead must be
             if view.time > self._seen_at + _LOOKING:
                 self._give_up(view, Outcome.UNSEEN)
             return hover
@@ -430,26 +473,47 @@ class Navigation:
     def _stand(self, view: RobotView, grid: PlanningGrid) -> Wish:
         """Come to rest on the legs: a robot in the air goes where it may land first."""
         if view.mode == QUADROTOR and not self._comes_down:
-            refuge = self._refuge(view, grid)
-            if refuge is not None:
-                wish = wish_of(refuge, view)
-                if view.height < refuge.altitude - _NEAR_TOP:
-                    return wish
-                velocity = follower_of(refuge, PACES[FLY]).command(view.pose)
-                return wish._replace(velocity=velocity or VelocityCommand())
-            self._comes_down = True
+            wish = self._seek_refuge(view, grid)
+            if wish is not None:
+                return wish
+            self._comes_down, self._since = True, view.time
         stands = view.mode == STAND and not view.waits
         most = {QUADROTOR: _IN_THE_AIR, SPLAY: _CHANGING, PERCH: _CHANGING}
         if stands or self._waits(view, most.get(view.mode, _STOPPING)):
             self.finish(self._ending or Outcome.STOPPED, self.reason)
         return Wish(STAND)
 
-    def _refuge(self, view: RobotView, grid: PlanningGrid) -> Leg | None:
-        """Return the way to the nearest place to land; None for here, or where there is none."""
+    def _seek_refuge(self, view: RobotView, grid: PlanningGrid) -> Wish | None:
+        """Return the wish that leads a robot in the air to the nearest place to land.
+
+        None where it comes down: there, where no such place is known, or after too long.
+        """
         assert self._air is not None
-        if may_land(grid, self._air, view.pose) or self._waits(view, _IN_THE_AIR):
+        if self._waits(view, _IN_THE_AIR):
             return None
-        return nearest_landing(grid, self._air, view.pose, view.height)
+        refuge = self._refuge
+        if refuge is None or air_is_blocked(grid, self._air, refuge[1], refuge[0].altitude):
+            refuge = self._find_refuge(view, grid)
+            return None if refuge is None else wish_of(refuge[0], view)
+        leg, follower = refuge
+        wish, velocity = wish_of(leg, view), follower.command(view.pose)
+        if velocity is not None:
+            rises = view.height < leg.altitude - _NEAR_TOP
+            return wish if rises else wish._replace(velocity=velocity)
+        if may_land(grid, self._air, view.pose):
+            return None
+        refuge = self._find_refuge(view, grid)
+        if refuge is None or refuge[1].command(view.pose) is None:
+            return None
+        return wish_of(refuge[0], view)
+
+    def _find_refuge(self, view: RobotView, grid: PlanningGrid) -> tuple[Leg, LegFollower] | None:
+        """Choose the place to land, and return the way there; None if there is none."""
+        assert self._air is not None
+        may_rise = math.isfinite(view.take_off)
+        leg = nearest_landing(grid, self._air, view.pose, view.height, may_rise=may_rise)
+        self._refuge = None if leg is None else (leg, follower_of(leg, PACES[FLY]))
+        return self._refuge
 
     def _turn_back(self, leg: Leg, view: RobotView) -> None:
         """Lead the robot back to where a climb began, backwards."""
