@@ -82,7 +82,8 @@ class FlyingRobot:
         view = RobotView(self.time, self.pose, self.mode, self.wish.fans, has_fans=self.has_fans)
         noise = self.noise * (-1.0) ** round(self.time / PERIOD)
         height = self.height + noise
-        return view._replace(height=height, take_off=self.take_off, lands=self.lands)
+        told = view._replace(height=height, take_off=self.take_off, lands=self.lands)
+        return told._replace(map_age=math.fmod(self.time, 1.0))
 
     def step(self, navigation: Navigation) -> None:
         """Make a step of the navigation, and do what it wants."""
@@ -193,6 +194,20 @@ def test_a_landing_looks_for_ground_as_deep_as_it_was_seen() -> None:
     assert robot.wish.heights.landing_depth == pytest.approx(0.5 + 0.29, abs=0.02)
     robot.run(navigation)
     assert navigation.outcome is Outcome.REACHED
+
+
+def test_it_rises_no_further_once_it_sees_the_top_of_what_closes_its_way() -> None:
+    robot, highest = FlyingRobot(wall, lambda x, y: np.where(x > -0.05, np.nan, wall(x, y))), 0.0
+    navigation = Navigation([BEHIND], robot.plan)
+    robot.run_until(navigation, lambda: robot.mode == "quadrotor" and robot.height > 0.6)
+    assert navigation.leg is not None
+    assert navigation.leg.altitude == 2.0
+    robot.see(wall)
+    while navigation.outcome is None:
+        robot.step(navigation)
+        highest = max(highest, robot.height)
+    assert navigation.outcome is Outcome.REACHED
+    assert highest == pytest.approx(1.0, abs=0.05)
 
 
 def test_behind_a_wall_it_lands_once_it_has_seen_the_ground() -> None:

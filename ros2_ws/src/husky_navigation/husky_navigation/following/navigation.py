@@ -371,9 +371,19 @@ class Navigation:
                 return wish
             self._enter(_Phase.FOLLOW, view)
             return self._follow(view, grid)
+        rises = view.mode == QUADROTOR and self.leg.mode == FLY
+        if rises and view.time - view.map_age > self._planned_at:
+            self._plan_while_rising(view)
         if self._waits(view, _IN_THE_AIR if view.mode == QUADROTOR else _CHANGING):
             self._give_up(view, Outcome.NOT_CHANGED, f"{Outcome.NOT_CHANGED.value} {wish.mode}")
         return wish
+
+    def _plan_while_rising(self, view: RobotView) -> None:
+        """Plan on a map that is newer: from higher up the tops of obstacles are seen."""
+        since = self._since
+        self._make_route(view)
+        if self._phase is _Phase.CHANGE:
+            self._since = since
 
     def _is_ready(self, leg: Leg, view: RobotView) -> bool:
         """Return whether the robot can begin a leg."""
