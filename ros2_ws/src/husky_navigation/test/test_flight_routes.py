@@ -214,9 +214,7 @@ def test_holes_of_the_map_are_no_unseen_ground() -> None:
 def test_a_wall_of_which_the_face_alone_was_seen_may_be_as_high_as_it_can_fly_over() -> None:
     """The camera looks down: it sees no top that is higher than itself."""
     face = graph_of(lambda x, y: np.where(x > -0.1, np.nan, np.where(x > -0.2, STEP, 0.0)))
-    above = graph_of(
-        lambda x, y: np.where(x > 0.4, np.nan, np.where(x > -0.2, STEP, 0.0))
-    )
+    above = graph_of(lambda x, y: np.where(x > 0.4, np.nan, np.where(x > -0.2, STEP, 0.0)))
     edge = graph_of(lambda x, y: np.where(x > -0.1, np.nan, 0.0))
     highest = flight_of(find_route(face, BEFORE, BEHIND)).altitude
     assert highest == 2.0

@@ -39,8 +39,8 @@ _TOP_HEIGHT = float(_SLOPE.crest_middle[2]) + _SLOPE.blend
 """Height of that top [m]."""
 _GAP = GapCourse(approach=3.0, step=0.25, top=5.0)
 _LOW = 0.1
-"""Charge with which no flight is possible. The autopilot, which has it from the voltage, tells up to
-0.08 more; that less the navigator's reserve is 4 kJ, and a flight takes 12 kJ.
+"""Charge with which no flight is possible. The autopilot, which has it from the voltage, tells up
+to 0.08 more; that less the navigator's reserve is 4 kJ, and a flight takes 12 kJ.
 """
 _ESTIMATING = 6.0
 """Time within which the autopilot tells another charge [s]."""

@@ -66,7 +66,9 @@ def draw_journeys(journeys: Sequence[Journey], directory: Path) -> Path:
 def modes_at_base(recording: Recording) -> Words:
     """Return the controller's mode at each of the base's times (n,)."""
     states, times = recording.controller, recording.base.time
-    return states.mode[np.searchsorted(states.time, times).clip(max=len(states.time) - 1)]
+    newest = np.searchsorted(states.time, times).clip(max=len(states.time) - 1)
+    modes: Words = states.mode[newest]
+    return modes
 
 
 def _draw(axis: Axes, journey: Journey) -> None:
