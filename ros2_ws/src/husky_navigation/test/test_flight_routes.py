@@ -215,14 +215,14 @@ def test_a_wall_of_which_the_face_alone_was_seen_may_be_as_high_as_it_can_fly_ov
     """The camera looks down: it sees no top that is higher than itself."""
     face = graph_of(lambda x, y: np.where(x > -0.1, np.nan, np.where(x > -0.2, STEP, 0.0)))
     above = graph_of(lambda x, y: np.where(x > 0.4, np.nan, np.where(x > -0.2, STEP, 0.0)))
-    edge = graph_of(lambda x, y: np.where(x > -0.1, np.nan, 0.0))
+    edge = graph_of(lambda x, y: np.where((x > 0.0) & (x < 0.3), np.nan, gap(x, y)))
     highest = flight_of(find_route(face, BEFORE, BEHIND)).altitude
     assert highest == 2.0
     assert flight_of(find_route(above, BEFORE, BEHIND)).altitude == 1.0
     assert face.air is not None
     assert edge.air is not None
     assert face.air.lowest.max() == pytest.approx(highest)
-    assert edge.air.lowest.max() == pytest.approx(fly().clearance)
+    assert edge.air.lowest.max() == pytest.approx(STEP + fly().clearance)
 
 
 # From the air ------------------------------------------------------------------------------------

@@ -125,10 +125,16 @@ def air_layers_of(grid: PlanningGrid, fly: FlyAbility) -> AirLayers:
 
 
 def _is_face(grid: PlanningGrid) -> Mask:
-    """Return which cells are the face of an obstacle: higher than what was seen beside them."""
-    seen = np.where(grid.known, grid.top, np.inf)
-    lowest = ndimage.minimum_filter(seen, 2 * _FACE + 1, mode="nearest")
-    face: Mask = grid.known & (seen > lowest + _LEAST_FACE)
+    """Return which cells are the face of an obstacle: higher than most of what was seen beside
+    them. At an edge from which the ground falls, most of that is as high.
+    """
+    size, known, top = 2 * _FACE + 1, grid.known, grid.top[grid.known]
+    lowest = ndimage.minimum_filter(np.where(known, grid.top, np.inf), size, mode="nearest")
+    share = ndimage.uniform_filter(known.astype(np.float64), size, mode="nearest")
+    total = ndimage.uniform_filter(np.where(known, grid.top, 0.0), size, mode="nearest")
+    rise = top - lowest[known]
+    face = np.zeros_like(known)
+    face[known] = (rise > _LEAST_FACE) & (top - total[known] / share[known] > 0.5 * rise)
     return face
 
 
