@@ -285,7 +285,7 @@ class Navigator(OneClock, Node):
         robot in the air flies on until it has landed.
         """
         usable = [mode for mode in self._modes if mode == WALK or self._commands.has_fans]
-        return (*usable, FLY) if is_in_air else tuple(usable)
+        return (*usable, FLY) if is_in_air and FLY not in usable else tuple(usable)
 
     def _energy(self) -> float:
         """Return what the battery has for the way [J], inf where nothing tells its charge."""

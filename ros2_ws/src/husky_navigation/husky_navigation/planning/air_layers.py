@@ -218,7 +218,7 @@ class FlightCosts:
         return height - self._fly.perched - self._fly.risen
 
     def _hovering(self, time: Array, more: Spent = _NOTHING) -> Spent:
-        """Return the cost of times in the air [s], less than 0 for what `more` has too much."""
+        """Return `more`, and the cost of times in the air [s]; negative times take from it."""
         return Spent(more.time + time, more.energy + time * self._power)
 
 
