@@ -34,4 +34,4 @@ read -r -a status <<< "${status##*) }"
 export HUSKY_STARTER="$$:${status[19]}"
 # One worker runs the graphs, each of which keeps two processors busy now and then; the others run the rest: tests/side_by_side.py
 TIMEFORMAT="took %0R s, and %0U s (user) + %0S s (system) of processor time"
-time in_turn python -P -m pytest -n "$workers" --dist loadfile "${options[@]}" "$@"
+time in_turn python -P -m pytest -n "$workers" --dist loadfile --durations=25 --durations-min=5 "${options[@]}" "$@"

@@ -10,11 +10,10 @@ import pytest
 from planned_ground import costs, seen
 
 from husky_description.arrays import Array
-from husky_navigation.following import ground_checks
-from husky_navigation.following import navigation as navigation_module
+from husky_navigation.following import ground_checks, robot_wish
 from husky_navigation.following.ground_checks import air_is_blocked, nearest_landing
 from husky_navigation.following.leg_follower import follower_of
-from husky_navigation.following.navigation import PACES, Navigation, Outcome
+from husky_navigation.following.navigation import Navigation, Outcome
 from husky_navigation.following.robot_wish import RobotView, Wish
 from husky_navigation.planning.abilities import ABILITIES
 from husky_navigation.planning.air_layers import STRIDE, AirLayers, air_layers_of
@@ -78,7 +77,7 @@ class FlyingRobot:
 
     @property
     def view(self) -> RobotView:
-        """What the robot tells."""
+        """Report of the robot."""
         view = RobotView(self.time, self.pose, self.mode, self.wish.fans, has_fans=self.has_fans)
         noise = self.noise * (-1.0) ** round(self.time / PERIOD)
         height = self.height + noise
@@ -210,14 +209,18 @@ def test_it_rises_no_further_once_it_sees_the_top_of_what_closes_its_way() -> No
     assert highest == pytest.approx(1.0, abs=0.05)
 
 
-def test_behind_a_wall_it_lands_once_it_has_seen_the_ground() -> None:
-    robot = FlyingRobot(wall, unseen_behind)
+def flown_to_behind(robot: FlyingRobot, x: float, known: Ground) -> None:
+    """Let a robot fly, see a ground from x [m] on, and come to stand behind the wall."""
     navigation = Navigation([BEHIND], robot.plan)
-    robot.run_until(navigation, lambda: robot.mode == "quadrotor" and robot.pose.x > -0.3)
-    robot.see(wall)
+    robot.run_until(navigation, lambda: robot.mode == "quadrotor" and robot.pose.x > x)
+    robot.see(known)
     robot.run(navigation)
     assert navigation.outcome is Outcome.REACHED
     assert_stands_at(robot, BEHIND)
+
+
+def test_behind_a_wall_it_lands_once_it_has_seen_the_ground() -> None:
+    flown_to_behind(FlyingRobot(wall, unseen_behind), -0.3, wall)
 
 
 def test_where_it_never_sees_the_ground_it_lands_where_it_has_seen_some() -> None:
@@ -232,12 +235,7 @@ def test_something_that_turns_out_too_high_is_not_flown_into() -> None:
     def tower(x: Array, y: Array) -> Array:
         return np.where((np.abs(x - 0.5) < 0.2) & (np.abs(y) < 0.5), 1.6, wall(x, y))
 
-    robot = FlyingRobot(tower, wall)
-    navigation = Navigation([BEHIND], robot.plan)
-    robot.run_until(navigation, lambda: robot.mode == "quadrotor" and robot.pose.x > -0.8)
-    robot.see(tower)
-    robot.run(navigation)
-    assert navigation.outcome is Outcome.REACHED
+    flown_to_behind(FlyingRobot(tower, wall), -0.8, tower)
 
 
 @pytest.mark.parametrize("x", [-1.0, 0.0])
@@ -378,7 +376,7 @@ def test_a_cell_beside_which_it_is_free_is_no_obstacle(half: int, is_blocked: bo
     i, j = robot.grid.lattice.index_of(0.0, 0.0) or (0, 0)
     air.lowest[i - half : i + half + 1, j - half : j + half + 1] = 2.0
     leg = Leg(FLY, np.array(((-1.0, 0.0), (1.0, 0.0))), 0.0, 0.0, 0.0, altitude=1.0)
-    assert air_is_blocked(robot.grid, air, follower_of(leg, PACES[FLY]), 1.0) is is_blocked
+    assert air_is_blocked(robot.grid, air, follower_of(leg), 1.0) is is_blocked
 
 
 def test_it_lands_on_its_side_of_a_high_fence() -> None:
@@ -403,5 +401,5 @@ def test_it_lands_on_its_side_of_a_high_fence() -> None:
 
 def test_all_that_a_flight_may_be_lower_keeps_the_perch_off_the_ground() -> None:
     assert BETA.fly is not None
-    lower = ground_checks._LOWER + navigation_module._NEAR_TOP
+    lower = ground_checks._LOWER + robot_wish.NEAR_TOP
     assert lower < BETA.fly.clearance - BETA.fly.perched

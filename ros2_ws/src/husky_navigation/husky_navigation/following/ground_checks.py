@@ -1,4 +1,4 @@
-"""What is known of the ground where a robot is, and where it goes next: judgements on a grid."""
+"""Judgements of the ground where a robot is, and where it goes next."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from husky_navigation.planning.planning_grid import (
     cells_between,
     heading_of,
 )
-from husky_navigation.planning.route import Leg, PlanePose, Route
+from husky_navigation.planning.route import Leg, PlanePose, Route, course_over, way_over
 from husky_navigation.planning.route_search import CLIMB, FLY, Place
 
 SIGHT = 0.7, 1.0
@@ -32,7 +32,7 @@ _SAME_PLACE = 1.0
 _LOWER = 0.05
 """How much lower than was planned a robot may pass over what was seen: the map has noise [m].
 
-With the 0.08 m below its altitude at which a flight sets out, `navigation._NEAR_TOP`, these are
+With the 0.08 m below its altitude at which a flight sets out, `robot_wish.NEAR_TOP`, these are
 0.13 m of the 0.16 m that are below the perch: `FlyAbility.clearance` 0.45 m less `perched` 0.29 m.
 """
 _LEAVING = 0.5
@@ -190,8 +190,7 @@ def nearest_landing(
         if found is not None:
             end, top = found
             points, ground = np.array((pose[:2], grid.centre(end))), air.ground[air.place(end)]
-            dx, dy = points[1] - points[0]
-            yaw = math.atan2(dy, dx) if math.hypot(dx, dy) > _SIDEWAYS else pose.yaw
+            yaw = course_over(points) if way_over(points) > _SIDEWAYS else pose.yaw
             return Leg(FLY, points, yaw, 0.0, 0.0, altitude=top, ground=float(ground))
     return None
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from husky_description.arrays import Array
 from husky_navigation.planning.route import Leg, PlanePose
-from husky_navigation.planning.route_search import CLIMB, FLY
+from husky_navigation.planning.route_search import CLIMB, FLY, WALK
 
 _AHEAD = 0.5
 """Way along the leg at which a walking robot aims [m]."""
@@ -53,6 +53,17 @@ class Pace(NamedTuple):
     heading: float
 
 
+PACES = {
+    WALK: Pace(forward=0.4, sideways=0.12, turn=0.5, place=0.06, heading=0.08),
+    CLIMB: Pace(forward=0.25, sideways=0.0, turn=0.2, place=0.0, heading=0.0),
+    FLY: Pace(forward=0.48, sideways=0.3, turn=0.4, place=0.1, heading=0.1),
+}
+"""Of each way of moving. A flight goes ahead at `FlyAbility.speed`; sideways and in turns it keeps
+below the controller's limits `quadrotor.max_speed` (0.5 m/s) and `quadrotor.max_yaw_rate`
+(0.5 rad/s), 0.3 m/s being all that its follower asks for within 0.35 m of the end.
+"""
+
+
 class LegFollower(Protocol):
     """Leads the base along one leg."""
 
@@ -67,8 +78,9 @@ class LegFollower(Protocol):
         """Return x, y [m] and heading [rad] along the way that is left, each `PATH_STEP` (n, 3)."""
 
 
-def follower_of(leg: Leg, pace: Pace) -> LegFollower:
-    """Return the follower of a leg."""
+def follower_of(leg: Leg) -> LegFollower:
+    """Return the follower of a leg, at the pace of its mode."""
+    pace = PACES[leg.mode]
     if leg.mode == CLIMB:
         return ClimbFollower(leg, pace)
     return FlightFollower(leg, pace) if leg.mode == FLY else WalkFollower(leg, pace)

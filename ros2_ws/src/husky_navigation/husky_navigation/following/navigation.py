@@ -23,16 +23,15 @@ from husky_navigation.following.ground_checks import (
     is_seen,
     may_hope_to_land,
     may_land,
-    nearest_landing,
     needs_a_look,
     place_ahead,
 )
 from husky_navigation.following.leg_follower import (
     LegFollower,
-    Pace,
     VelocityCommand,
     follower_of,
 )
+from husky_navigation.following.refuge import Refuge
 from husky_navigation.following.robot_wish import (
     MODE_OF,
     PERCH,
@@ -43,6 +42,7 @@ from husky_navigation.following.robot_wish import (
     WAIR,
     RobotView,
     Wish,
+    is_up,
     wish_of,
 )
 from husky_navigation.planning.air_layers import AirLayers
@@ -50,15 +50,6 @@ from husky_navigation.planning.planning_grid import PlanningGrid
 from husky_navigation.planning.route import Leg, PlanePose, Refusal, Route, RouteError
 from husky_navigation.planning.route_search import CLIMB, FLY, WALK, Place
 
-PACES = {
-    WALK: Pace(forward=0.4, sideways=0.12, turn=0.5, place=0.06, heading=0.08),
-    CLIMB: Pace(forward=0.25, sideways=0.0, turn=0.2, place=0.0, heading=0.0),
-    FLY: Pace(forward=0.48, sideways=0.3, turn=0.4, place=0.1, heading=0.1),
-}
-"""Of each way of moving. A flight goes ahead at `FlyAbility.speed`; sideways and in turns it keeps
-below the controller's limits `quadrotor.max_speed` (0.5 m/s) and `quadrotor.max_yaw_rate`
-(0.5 rad/s), 0.3 m/s being all that its follower asks for within 0.35 m of the end.
-"""
 _BEGINS_IN = ("stand_up", STAND, TROT, WAIR, PERCH, SPLAY, QUADROTOR)
 """Modes in which a robot can be sent somewhere."""
 _CHANGING = 12.0
@@ -67,8 +58,6 @@ _STOPPING = 4.0
 """Longest time until the robot stands; on a slope it stays in mode `wair` [s]."""
 _IN_THE_AIR = 40.0
 """Longest time from the take-off to the height of a flight, or from there to the ground [s]."""
-_NEAR_TOP = 0.08
-"""Below the height of a flight at which it sets out [m]."""
 _PROGRESS, _PATIENCE = 0.1, 8.0
 """Way that the robot makes in a time, or it is stuck [m, s]."""
 _MOST_BEGUN = 15
@@ -161,7 +150,7 @@ class Navigation:
         self._follower: LegFollower | None = None
         self._began = self._turned_back = self._is_on_slope = False
         self._has_landed = self._has_climbed = self._comes_down = False
-        self._refuge: tuple[Leg, LegFollower] | None = None  # where a stopped flight lands
+        self._refuge = Refuge()
         self._mode = ""
         self._air: AirLayers | None = None
         self._since = 0.0
@@ -241,7 +230,7 @@ class Navigation:
         """Stop the robot, then end."""
         if self.outcome is None and self._phase is not _Phase.STOP:
             self._ending, self.reason = outcome, reason or outcome.value
-            self._comes_down, self._refuge = False, None
+            self._comes_down, self._refuge = False, Refuge()
             self._enter(_Phase.STOP, view)
 
     def finish(self, outcome: Outcome, reason: str = "") -> None:
@@ -284,13 +273,14 @@ class Navigation:
         """
         if self._phase is _Phase.STOP:
             return
-        if view.mode == QUADROTOR and not view.has_fans and not self._has_landed:
-            self.stop(view, Outcome.STOPPED, f"{Outcome.STOPPED.value}: a fan is lost in flight")
-        elif (before, view.mode) == (QUADROTOR, SPLAY) and not view.lands:
+        is_down = before == QUADROTOR and view.mode == SPLAY
+        if is_down and not view.lands:
             told = "it has landed, and was not asked to by the navigator"
             self.finish(Outcome.STOPPED, f"{Outcome.STOPPED.value}: {told}")
-        elif (before, view.mode) == (QUADROTOR, SPLAY) and not self._has_landed:
+        elif is_down and not self._has_landed:
             self._enter(_Phase.PLAN, view)  # an earlier navigation has begun that landing
+        elif view.mode == QUADROTOR and not view.has_fans and not self._has_landed:
+            self.stop(view, Outcome.STOPPED, f"{Outcome.STOPPED.value}: a fan is lost in flight")
 
     def _make_route(self, view: RobotView) -> None:
         self._planned_at, self._turned_back = view.time, False
@@ -332,7 +322,7 @@ class Navigation:
             told = "it flies, and cannot rise: the navigator does not know where it took off"
             self.stop(view, Outcome.NOT_READY, f"{Outcome.NOT_READY.value}: {told}")
             return
-        self._follower = follower_of(leg, PACES[leg.mode])
+        self._follower = follower_of(leg)
         self._enter(_Phase.LOOK if leg.mode == CLIMB and not leg.is_seen else _Phase.CHANGE, view)
 
     def _look_at_goal(self, view: RobotView, route: Route) -> None:
@@ -388,7 +378,7 @@ class Navigation:
     def _is_ready(self, leg: Leg, view: RobotView) -> bool:
         """Return whether the robot can begin a leg."""
         if leg.mode == FLY:
-            return view.mode == QUADROTOR and view.height > leg.altitude - _NEAR_TOP
+            return view.mode == QUADROTOR and is_up(leg, view)
         return view.mode == MODE_OF[leg.mode] and (view.fans_ready or leg.mode != CLIMB)
 
     def _lacks_fans(self, leg: Leg, view: RobotView) -> bool:
@@ -483,7 +473,9 @@ class Navigation:
     def _stand(self, view: RobotView, grid: PlanningGrid) -> Wish:
         """Come to rest on the legs: a robot in the air goes where it may land first."""
         if view.mode == QUADROTOR and not self._comes_down:
-            wish = self._seek_refuge(view, grid)
+            assert self._air is not None
+            seeking = not self._waits(view, _IN_THE_AIR)
+            wish = self._refuge.wish(view, grid, self._air) if seeking else None
             if wish is not None:
                 return wish
             self._comes_down, self._since = True, view.time
@@ -492,38 +484,6 @@ class Navigation:
         if stands or self._waits(view, most.get(view.mode, _STOPPING)):
             self.finish(self._ending or Outcome.STOPPED, self.reason)
         return Wish(STAND)
-
-    def _seek_refuge(self, view: RobotView, grid: PlanningGrid) -> Wish | None:
-        """Return the wish that leads a robot in the air to the nearest place to land.
-
-        None where it comes down: there, where no such place is known, or after too long.
-        """
-        assert self._air is not None
-        if self._waits(view, _IN_THE_AIR):
-            return None
-        refuge = self._refuge
-        if refuge is None or air_is_blocked(grid, self._air, refuge[1], refuge[0].altitude):
-            refuge = self._find_refuge(view, grid)
-            return None if refuge is None else wish_of(refuge[0], view)
-        leg, follower = refuge
-        wish, velocity = wish_of(leg, view), follower.command(view.pose)
-        if velocity is not None:
-            rises = view.height < leg.altitude - _NEAR_TOP
-            return wish if rises else wish._replace(velocity=velocity)
-        if may_land(grid, self._air, view.pose):
-            return None
-        refuge = self._find_refuge(view, grid)
-        if refuge is None or refuge[1].command(view.pose) is None:
-            return None
-        return wish_of(refuge[0], view)
-
-    def _find_refuge(self, view: RobotView, grid: PlanningGrid) -> tuple[Leg, LegFollower] | None:
-        """Choose the place to land, and return the way there; None if there is none."""
-        assert self._air is not None
-        may_rise = math.isfinite(view.take_off)
-        leg = nearest_landing(grid, self._air, view.pose, view.height, may_rise=may_rise)
-        self._refuge = None if leg is None else (leg, follower_of(leg, PACES[FLY]))
-        return self._refuge
 
     def _turn_back(self, leg: Leg, view: RobotView) -> None:
         """Lead the robot back to where a climb began, backwards."""
@@ -534,7 +494,7 @@ class Navigation:
         back = replace(leg, points=np.array((view.pose[:2], (x, y))), downwards=not leg.downwards)
         self.route, self._index, self._turned_back = Route((back,)), 0, True
         self._closed = (*self._closed, (float(x), float(y)))
-        self._follower = follower_of(back, PACES[CLIMB])
+        self._follower = follower_of(back)
 
     def _end_leg(self, view: RobotView, leg: Leg) -> None:
         """Go on with the next leg; after a long one, or a climb, more of the ground is known."""

@@ -23,6 +23,10 @@ flight, by which no landing is to be broken off.
 """
 
 
+NEAR_TOP = 0.08
+"""Below the height of a flight at which it sets out [m]."""
+
+
 class RobotView(NamedTuple):
     """Report of the robot.
 
@@ -81,6 +85,11 @@ class Wish(NamedTuple):
     fans: bool = False
     velocity: VelocityCommand = VelocityCommand()
     heights: FlightHeights | None = None
+
+
+def is_up(leg: Leg, view: RobotView) -> bool:
+    """Return whether a robot in the air has risen to the altitude of a flight."""
+    return view.height > leg.altitude - NEAR_TOP
 
 
 def wish_of(leg: Leg, view: RobotView) -> Wish:

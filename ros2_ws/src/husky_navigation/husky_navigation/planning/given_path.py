@@ -11,7 +11,14 @@ from numpy.typing import NDArray
 
 from husky_description.arrays import Array
 from husky_navigation.planning.planning_grid import Mask, PlanningGrid, heading_of
-from husky_navigation.planning.route import Leg, PlanePose, Refusal, Route, RouteError
+from husky_navigation.planning.route import (
+    Leg,
+    PlanePose,
+    Refusal,
+    Route,
+    RouteError,
+    course_over,
+)
 from husky_navigation.planning.route_planner import Limits, RoutePlanner
 
 _JOINS_WITHIN = 0.5
@@ -78,7 +85,7 @@ class GivenPath:
         for begin, end, walkable in self._pieces(way, in_air=altitude is not None):
             piece = way[begin : end + 1]
             last = end == len(way) - 1
-            to = self._goal.yaw if last else _course(way[end - 1], way[end])
+            to = self._goal.yaw if last else course_over(way[[end - 1, end]])
             if walkable:
                 found = [self._planner.walk(piece, yaw, to)]
             else:
@@ -157,9 +164,3 @@ def _check_near(legs: Sequence[Leg], piece: Array) -> None:
 
 def _pose(place: Array, yaw: float) -> PlanePose:
     return PlanePose(float(place[0]), float(place[1]), yaw)
-
-
-def _course(start: Array, end: Array) -> float:
-    """Return the direction from one place to another [rad]."""
-    dx, dy = end - start
-    return math.atan2(dy, dx)

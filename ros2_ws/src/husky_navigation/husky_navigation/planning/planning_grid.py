@@ -64,7 +64,7 @@ class PlanningGrid(NamedTuple):
 
     @property
     def free_all_ways(self) -> Mask:
-        """Whether the robot can turn there, walking."""
+        """Mark of the cells in which the robot can turn, walking (n, n)."""
         turns: Mask = np.logical_and.reduce(self.free, axis=0)
         return turns
 

@@ -140,6 +140,12 @@ def walk_leg(points: Array, yaw: float, yaw_at_end: float, costs: TravelCosts, s
     return Leg(WALK, points, yaw_at_end, time, energy)
 
 
+def course_over(points: Array) -> float:
+    """Return the direction from the first of points to the last [rad]."""
+    dx, dy = points[-1] - points[0]
+    return math.atan2(dy, dx)
+
+
 def way_over(points: Array) -> float:
     """Return the way over points [m]."""
     return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())

@@ -23,6 +23,7 @@ from husky_navigation.planning.route import (
     Refusal,
     Route,
     RouteError,
+    course_over,
     walk_leg,
     way_over,
 )
@@ -189,7 +190,7 @@ class _Builder:
             else:
                 end = next(k for k in range(index, len(steps)) if steps[k].layer is None)
                 leg = self._fly(steps[:end], index)
-                to = _course(leg.points[:2])
+                to = course_over(leg.points[:2])
             if walked:
                 legs += self._walk(walked, yaw, to, first=begin == 0) or self._turn(leg, yaw, to)
             legs.append(leg)
@@ -224,7 +225,7 @@ class _Builder:
             begins = [costs.change(altitude - self._altitude)]
         parts = *begins, costs.way(way_over(points)), costs.land(air.height[down]), costs.to_legs
         time, energy = (float(sum(part)) for part in zip(*parts, strict=True))
-        yaw = _course(points[-2:]) if way_over(points) > _FLIES_AHEAD else self._start.yaw
+        yaw = course_over(points[-2:]) if way_over(points) > _FLIES_AHEAD else self._start.yaw
         is_seen, ground = bool(air.landing[down[1:]]), float(air.ground[down[1:]])
         return Leg(FLY, points, yaw, time, energy, is_seen, altitude=altitude, ground=ground)
 
@@ -315,9 +316,3 @@ def _corners(cells: Sequence[Cell], is_open: Callable[[int, int], bool]) -> list
         at = to
         kept.append(cells[at])
     return kept
-
-
-def _course(points: Array) -> float:
-    """Return the direction from the first of points to the last [rad]."""
-    dx, dy = points[-1] - points[0]
-    return math.atan2(dy, dx)
