@@ -17,7 +17,7 @@ class Cells(NamedTuple):
     """State of the cells of a square map, arrays (n, n).
 
     Index [i, j] counts along +x and +y of odom from the map's lowest corner. A cell that was never
-    seen has height NaN.
+    seen has height and top NaN.
 
     Attributes:
         height: of the ground in odom [m].
@@ -28,6 +28,8 @@ class Cells(NamedTuple):
         other_height, other_variance, other_support: the same of the height that contradicts it.
         contradictions: images in a row that agree on that other height.
         looked_through: images that have looked through the cell, less those that agreed with it.
+        top: highest surface that was seen in the cell in odom, of a wall its upper edge [m].
+        looked_over: images in a row that have looked through the cell at the height of its top.
     """
 
     height: Array
@@ -41,6 +43,8 @@ class Cells(NamedTuple):
     other_support: Array
     contradictions: Array
     looked_through: Array
+    top: Array
+    looked_over: Array
 
 
 class Lattice(NamedTuple):
@@ -84,7 +88,7 @@ class Lattice(NamedTuple):
 def unseen_cells(count: int) -> Cells:
     """Return `count` by `count` cells of which nothing is known."""
     cells = Cells(*np.zeros((len(Cells._fields), count, count)))
-    cells.height[:] = np.nan
+    cells.height[:] = cells.top[:] = np.nan
     return cells
 
 
@@ -92,12 +96,12 @@ def forget(cells: Cells, which: NDArray[np.bool_]) -> None:
     """Make cells (n, n) ones that were never seen."""
     for values in cells:
         values[which] = 0
-    cells.height[which] = np.nan
+    cells.height[which] = cells.top[which] = np.nan
 
 
 def age(cells: Cells, variance: float, lift: float) -> None:
     """Let all cells grow less sure by a variance [m^2], and move up by a height [m]."""
-    for height in (cells.height, cells.other_height):
+    for height in (cells.height, cells.other_height, cells.top):
         height += lift
     for less_sure in (cells.variance, cells.other_variance):
         less_sure += variance

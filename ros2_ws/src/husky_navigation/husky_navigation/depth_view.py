@@ -129,7 +129,8 @@ class SeenCells(NamedTuple):
         variance: sums of the points' variances, then that of the height [m^2], what the whole
             image has in common apart.
         square: sums of squared heights over the camera [m^2].
-        lowest, highest: of the points, over the camera [m].
+        lowest, highest: of the points, over the camera; then `highest` is the upper edge of what
+            the cell holds in odom, NaN for no edge [m].
         offset_x, offset_y: sums of the points' places from the cell's centre, then their mean, 0
             for an edge [m].
         points: in each cell.
@@ -304,6 +305,7 @@ def _reduce(
         excess = spread - noise
         significant = n >= 4 and excess > 3.0 * math.sqrt(2.0 / n) * noise
         seen.edge[i, j] = significant and excess > wall_deviation * wall_deviation
+        edge_top = math.nan
         if seen.edge[i, j]:
             x = (lattice.x + i + 0.5) * lattice.resolution - position[0]
             y = (lattice.y + j + 0.5) * lattice.resolution - position[1]
@@ -313,11 +315,12 @@ def _reduce(
             stray = math.sqrt(noise) * (0.7 + 0.4 * math.log(n))
             upper = min(mean + reach, seen.highest[i, j] - stray)
             lower = max(mean - reach, seen.lowest[i, j] + stray)
-            mean = upper if before else lower
+            mean, edge_top = upper if before else lower, position[2] + upper
             seen.offset_x[i, j] = seen.offset_y[i, j] = 0.0
         seen.offset_x[i, j] /= n
         seen.offset_y[i, j] /= n
         seen.height[i, j] = position[2] + mean
+        seen.highest[i, j] = edge_top
         seen.variance[i, j] = max(noise, spread) / n
 
 

@@ -19,7 +19,7 @@ from husky_navigation.depth_view import (
     no_seen_cells,
 )
 from husky_navigation.drift import HeightDrift, height_over_map
-from husky_navigation.fusion import HeightMeasurements, fuse, level_cells
+from husky_navigation.fusion import HeightMeasurements, fuse, level_cells, raise_tops
 from husky_navigation.map_parameters import MapParameters
 from husky_navigation.visibility import VisibilityRules, look_through
 
@@ -91,6 +91,15 @@ class ElevationMap:
         """Variance of `elevation` [m^2] (n, n), NaN where the ground was not seen."""
         return np.where(self._known(), self._cells.variance, np.nan)
 
+    @property
+    def top(self) -> Array:
+        """Highest surface that was seen in each cell in odom [m] (n, n), NaN where none was.
+
+        It differs from `elevation` in cells that hold the face of a wall: the ground at such a
+        cell's middle is the wall's foot, or its top.
+        """
+        return np.where(self._known(), np.fmax(self._cells.height, self._cells.top), np.nan)
+
     def _known(self) -> NDArray[np.bool_]:
         """Return which cells enough points have shown, on all sides of the centre (n, n)."""
         cells, p = self._cells, self.parameters
@@ -158,6 +167,7 @@ class ElevationMap:
         measured = self._measured(places, view.position, correction)
         outcome = fuse(self._cells, places, measured, self.parameters)
         removed = 0
+        raise_tops(self._cells, places, self._seen.highest.reshape(-1)[places] - correction)
         if outcome.believed:
             removed = look_through(self._cells, self._seen, self.lattice, view, self._visibility)
         for values in self._seen[:-1]:

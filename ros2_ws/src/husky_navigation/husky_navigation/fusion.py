@@ -94,6 +94,17 @@ def fuse(
     return FusionOutcome(contradicted - replaced, replaced, believed)
 
 
+def raise_tops(cells: Cells, places: Indices, edges: Array) -> None:
+    """Let the tops of cells rise to upper edges that were seen in them (k,) [m], NaN for none.
+
+    They are believed at once: a camera that rises sees the edge of a wall higher in each image, and
+    little else where the wall is near.
+    """
+    top, looked_over = cells.top.reshape(-1), cells.looked_over.reshape(-1)
+    top[places] = np.fmax(top[places], edges)
+    looked_over[places[~np.isnan(edges)]] = 0.0
+
+
 def _begin(flat: Cells, places: Indices, seen: HeightMeasurements) -> None:
     """Let cells begin anew with a height."""
     flat.height[places] = seen.height

@@ -97,7 +97,7 @@ def _mark(
 def look_through(
     cells: Cells, seen: SeenCells, lattice: Lattice, view: DepthView, rules: VisibilityRules
 ) -> int:
-    """Remove cells through which more images have looked than have seen them.
+    """Remove cells through which more images have looked than have seen them, and tops likewise.
 
     Each cell is projected into the image. It is looked through where most pixels around it see
     ground that lies lower, by a margin and by three deviations of the cell's height. At a grazing
@@ -123,6 +123,10 @@ def look_through(
     cells.looked_through[:] += marks.through
     gone = cells.looked_through >= rules.see_through_images
     forget(cells, gone)
+    over = _Marks(*np.zeros((2, lattice.cells, lattice.cells)))
+    _mark(cells.top, cells.variance, lattice, view.pose, inverse, rules, over)
+    cells.looked_over[:] += over.through
+    cells.top[cells.looked_over >= rules.see_through_images] = np.nan
     return int(np.count_nonzero(gone))
 
 

@@ -80,6 +80,40 @@ def test_a_box_that_comes_is_on_the_map_within_a_second():
     assert np.mean(in_box(elevation_map) > 0.2) > 0.6
 
 
+@pytest.mark.parametrize("behind_middle", [-0.01, 0.01])
+def test_the_top_of_a_near_wall_is_as_high_as_its_face_is_seen(behind_middle):
+    """The camera is 0.63 m up and looks down: it sees no top. The face is before the middle of its
+    cells, or behind it, where `elevation` has the wall's foot.
+    """
+    face, random, elevation_map = 1.14 + behind_middle, np.random.default_rng(6), ElevationMap()
+    wall = Scene((FLOOR, Box((face, -2.0, -0.1), (face + 0.2, 2.0, 2.5))))
+    seen = []
+    for rise in (0.0, 0.5, 1.0):
+        for _ in range(6):
+            time = max(0.0, elevation_map._time + 0.1)
+            true, odometry = poses(wall, STANDING, time, random)
+            up = np.array([0.0, 0.0, rise])
+            true, odometry = (Pose(p.rotation, p.position + up) for p in (true, odometry))
+            show(elevation_map, wall, true, odometry, time, random)
+        (x, y), top = elevation_map.lattice.cell_centers(), elevation_map.top
+        at_wall = np.ix_(np.abs(x - 1.14) < 0.01, np.abs(y) < 0.4)
+        seen.append(np.nanmedian(top[at_wall]))
+    assert seen == pytest.approx([0.6, 1.1, 1.6], abs=0.08)
+    low = elevation_map.elevation[at_wall]
+    assert (np.nanmedian(low) < 0.8) == (behind_middle > 0.0)
+
+
+def test_the_top_of_a_wall_that_goes_leaves_the_map():
+    random, elevation_map = np.random.default_rng(2), ElevationMap()
+    wall = Scene((FLOOR, Box((1.53, -0.3, -0.1), (1.7, 0.3, 0.4))))
+    stand(elevation_map, wall, 8, random)
+    x, y = elevation_map.lattice.cell_centers()
+    there = np.ix_((x > 1.4) & (x < 1.8), np.abs(y) < 0.2)
+    assert np.nanmax(elevation_map.top[there]) > 0.3
+    stand(elevation_map, FLAT, 12, random)
+    assert np.nanmax(elevation_map.top[there]) < 0.1
+
+
 def test_ground_out_of_sight_does_not_sink_while_the_robot_treads():
     """Seen with noise, bob and sway, for 2 s; the camera's errors average out to 1 mm."""
     random, elevation_map = np.random.default_rng(4), ElevationMap()

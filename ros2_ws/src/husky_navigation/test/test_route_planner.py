@@ -34,6 +34,14 @@ def ridged() -> RoutePlanner:
     return planner
 
 
+def test_a_wall_of_which_the_map_holds_the_foot_is_walked_around() -> None:
+    planner, level = RoutePlanner("carbon"), np.zeros((160, 160))
+    x, y = np.meshgrid(*ROLLING.cell_centers(), indexing="ij")
+    wall = (np.abs(x - 1.5) < 0.03) & (y < 1.0)
+    planner.merge(level, ROLLING, LevelTransform(), np.where(wall, HIGH, 0.0))
+    assert planner.plan(START, GOAL).length > 3.5
+
+
 def test_it_plans_on_the_newest_ground() -> None:
     level = np.zeros((160, 160))
     planner = planner_on(level)

@@ -49,6 +49,22 @@ def test_ground_that_the_rolling_map_has_left_behind_is_kept() -> None:
     np.testing.assert_array_equal(row[(x > 0.0) & (x < 4.0)], 0.2)
 
 
+def test_it_keeps_the_highest_surface_of_each_cell_too() -> None:
+    world, ground, top = WorldMap(), np.zeros((100, 100)), np.full((100, 100), np.nan)
+    top[50:60] = 0.8
+    world.merge(ground, ROLLING, HERE._replace(z=0.1), top)
+    x = world.lattice.cell_centers()[0]
+    wall = (x > 0.05) & (x < 0.35)
+    np.testing.assert_allclose(world.highest[wall, 200], 0.9)
+    np.testing.assert_allclose(world.elevation[wall, 200], 0.1)
+    np.testing.assert_allclose(world.highest[(x > 0.5) & (x < 1.9), 200], 0.1)
+    world.merge(ground, ROLLING, HERE)
+    np.testing.assert_array_equal(world.highest[wall, 200], 0.0)
+    world.merge(ground, ROLLING, HERE, top)
+    world.clear()
+    assert np.isnan(world.highest).all()
+
+
 def test_unseen_cells_of_a_rolling_map_take_nothing_away() -> None:
     world = WorldMap()
     world.merge(np.full((100, 100), 0.1), ROLLING, HERE)

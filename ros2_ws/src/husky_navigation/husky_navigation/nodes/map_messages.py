@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import array
+from typing import NamedTuple
 
 import numpy as np
 from grid_map_msgs.msg import GridMap
@@ -27,17 +28,20 @@ from husky_runtime.nodes import stamps
 
 BASIC_LAYERS = ("elevation",)
 """Layers that a cell must have to be valid."""
+TOP = "top"
+"""Layer of the highest surface in each cell; a map may lack it."""
 
 
 def grid_map_message(ground: ElevationMap, surface: Surface, time_ns: int) -> GridMap:
     """Return the map and the shape of its surface at a time [ns].
 
-    Its layers are elevation [m], variance [m^2], slope [rad], step [m], roughness [m] and
+    Its layers are elevation [m], variance [m^2], top [m], slope [rad], step [m], roughness [m] and
     traversability [-], NaN where they are not known.
     """
     layers = {
         "elevation": ground.elevation,
         "variance": ground.variance,
+        TOP: ground.top,
         "slope": surface.slope,
         "step": surface.step,
         "roughness": surface.roughness,
@@ -57,28 +61,49 @@ def grid_map_message(ground: ElevationMap, surface: Surface, time_ns: int) -> Gr
     return message
 
 
-def elevation_of(message: GridMap) -> tuple[Array, Lattice]:
-    """Return the heights of a map [m] (n, n), NaN where unseen, and the lattice of its cells.
+class MapHeights(NamedTuple):
+    """Heights of a map.
+
+    Attributes:
+        elevation: of the ground [m] (n, n), NaN where unseen.
+        top: highest surface in each cell, the same where a map does not tell it [m] (n, n).
+        lattice: of the cells.
+    """
+
+    elevation: Array
+    top: Array
+    lattice: Lattice
+
+
+def heights_of(message: GridMap) -> MapHeights:
+    """Return the heights of a map.
 
     Raises:
-        ValueError: the map is in another frame than `odom`, or has no such layer, or is not square.
+        ValueError: the map is in another frame than `odom`, or has no elevation, or is not square.
     """
     frame = message.header.frame_id
     if frame != graph.FRAME_ODOM:
         raise ValueError(f"frame_id is {frame[:40]!r}, it must be {graph.FRAME_ODOM!r}")
     if BASIC_LAYERS[0] not in message.layers or len(message.layers) != len(message.data):
         raise ValueError(f"there is no layer {BASIC_LAYERS[0]!r}")
-    told = message.data[list(message.layers).index(BASIC_LAYERS[0])]
+    elevation = _layer_of(message, BASIC_LAYERS[0])
+    top = _layer_of(message, TOP) if TOP in message.layers else elevation
+    info, cells = message.info, elevation.shape[0]
+    for layer in (elevation, top):
+        if layer.shape != (cells, cells) or info.resolution <= 0.0 or cells == 0:
+            raise ValueError(f"{layer.shape} cells of {info.resolution} m are no square map")
+    at = info.pose.position
+    corner = (round(each / info.resolution) - cells // 2 for each in (at.x, at.y))
+    return MapHeights(elevation, top, Lattice(info.resolution, cells, *corner))
+
+
+def _layer_of(message: GridMap, name: str) -> Array:
+    """Return a layer of a map (n, m); raises ValueError if it has not two dimensions."""
+    told = message.data[list(message.layers).index(name)]
     if len(told.layout.dim) != 2:
         raise ValueError(f"the layer has {len(told.layout.dim)} dimensions, it must have 2")
     column, row = (Dimension(each.label, each.size, each.stride) for each in told.layout.dim)
-    elevation = from_grid_map(GridMapData((column, row), np.array(told.data, np.float32)))
-    info, cells = message.info, elevation.shape[0]
-    if elevation.shape != (cells, cells) or info.resolution <= 0.0 or cells == 0:
-        raise ValueError(f"{elevation.shape} cells of {info.resolution} m are no square map")
-    at = info.pose.position
-    corner = (round(each / info.resolution) - cells // 2 for each in (at.x, at.y))
-    return elevation, Lattice(info.resolution, cells, *corner)
+    return from_grid_map(GridMapData((column, row), np.array(told.data, np.float32)))
 
 
 def occupancy_message(ground: ElevationMap, surface: Surface, time_ns: int) -> OccupancyGrid:

@@ -28,7 +28,7 @@ from husky_msgs.msg import ControllerState, NavigatorState, PropulsionState
 from husky_navigation.following.navigation import Navigation, Outcome
 from husky_navigation.following.robot_wish import QUADROTOR, SPLAY, RobotView
 from husky_navigation.frame_filter import LevelTransform, heading_between
-from husky_navigation.nodes.map_messages import elevation_of
+from husky_navigation.nodes.map_messages import heights_of
 from husky_navigation.nodes.navigation_actions import Errand, NavigationActions
 from husky_navigation.nodes.robot_commands import RobotCommands
 from husky_navigation.nodes.route_messages import cost_message, path_message, route_markers
@@ -165,12 +165,12 @@ class Navigator(OneClock, Node):
     def _on_map(self, message: GridMap) -> None:
         """Take over a map of the ground, once the robot knows where it is."""
         try:
-            elevation, lattice = elevation_of(message)
+            heights = heights_of(message)
         except ValueError as error:
             raise Refused(str(error)) from error
         if self._pose is None:
             return
-        self._planner.merge(elevation, lattice, self._map_to_odom)
+        self._planner.merge(heights.elevation, heights.lattice, self._map_to_odom, heights.top)
         self._counts["maps"] += 1
         self._map_ns = stamps.to_ns(message.header.stamp)
 

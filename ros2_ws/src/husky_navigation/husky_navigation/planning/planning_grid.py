@@ -24,6 +24,10 @@ HEADINGS = 8
 """Directions in which a robot stands and walks, in steps of 45 deg from +x."""
 COARSENING = 2
 """Cells of the world map along an edge of a planning cell."""
+_WALL = 0.2
+"""Height over the ground from which on a surface in the same cell is a wall [m]; `elevation` may be
+its foot alone.
+"""
 _WIDE = 2
 """Planning cells to each side across which the rise of the ground is measured: so noise of the map
 is no slope."""
@@ -37,7 +41,7 @@ class PlanningGrid(NamedTuple):
         known: something was seen there.
         filled: seen, or near what was seen.
         height: of the ground, 0 where it is not filled [m].
-        top: highest ground that was seen there, NaN where nothing was [m].
+        top: highest surface that was seen there, NaN where nothing was [m].
         slope_x, slope_y: rise along x and y [-], 0 where nothing is known.
         rough: ground on which no foot is put: a step, an edge, a wall.
         steep: ground that rises too much for a walk.
@@ -107,10 +111,11 @@ def grid_of(world: WorldMap, abilities: Abilities) -> PlanningGrid:
         fine.y // COARSENING,
     )
     filled: Mask = np.logical_and.reduce(_blocks(~np.isnan(heights)), axis=-1)
-    height, top = _mean(heights), _top(world.elevation)
+    height, top = _mean(heights), _top(world.highest)
     slope_x, slope_y = (_mean(part) for part in (shape.slope_x, shape.slope_y))
     steepness = _blocks(np.nan_to_num(np.hypot(shape.slope_x, shape.slope_y))).max(axis=-1)
     rough = (_mean(shape.roughness) > walk.most_roughness) | (steepness > abilities.most_slope)
+    rough |= top > height + _WALL
     wide = _rise(height, filled, lattice.resolution)  # beside a wall as well
     steep = np.minimum(wide, np.hypot(slope_x, slope_y)) > walk.most_slope
     near_steep = _distance_to(steep, lattice.resolution) <= walk.clearance

@@ -66,10 +66,16 @@ class RoutePlanner:
         self._air: AirLayers | None = None
         self._moves: dict[tuple[Limits, Prices], RouteGraph] = {}
 
-    def merge(self, elevation: Array, lattice: Lattice, frame: LevelTransform) -> None:
+    def merge(
+        self,
+        elevation: Array,
+        lattice: Lattice,
+        frame: LevelTransform,
+        top: Array | None = None,
+    ) -> None:
         """Take over what an elevation map shows, as `WorldMap.merge` does."""
         with self._lock:
-            self.world.merge(elevation, lattice, frame)
+            self.world.merge(elevation, lattice, frame, top)
             self._forget()
 
     def clear(self) -> None:

@@ -42,6 +42,7 @@ class WorldMap:
     Attributes:
         lattice: of its cells.
         elevation: height [m] (n, n), [i, j] along +x and +y; NaN where nothing was seen.
+        top: highest surface, where it is another than that [m] (n, n), NaN elsewhere.
     """
 
     def __init__(self, resolution: float = 0.05, cells: int = 400) -> None:
@@ -53,19 +54,33 @@ class WorldMap:
         if cells <= 0 or cells % 4:
             raise ValueError(f"cells is {cells}, it must be a positive multiple of 4")
         self.lattice = Lattice(resolution, cells, -(cells // 2), -(cells // 2))
-        self.elevation = np.full((cells, cells), np.nan)
+        self.elevation, self.top = np.full((2, cells, cells), np.nan)
 
     def clear(self) -> None:
         """Forget everything."""
         self.elevation.fill(np.nan)
+        self.top.fill(np.nan)
 
-    def merge(self, elevation: Array, lattice: Lattice, frame: LevelTransform) -> int:
+    @property
+    def highest(self) -> Array:
+        """Highest surface that was seen in each cell [m] (n, n), NaN where nothing was."""
+        highest: Array = np.fmax(self.elevation, self.top)
+        return highest
+
+    def merge(
+        self,
+        elevation: Array,
+        lattice: Lattice,
+        frame: LevelTransform,
+        top: Array | None = None,
+    ) -> int:
         """Take over what an elevation map shows; its cells replace those that were known before.
 
         Args:
             elevation: heights in the map's own frame [m] (m, m), NaN where unseen.
             lattice: of its cells, in its own frame.
             frame: its own frame in `map`.
+            top: highest surface in each of its cells [m] (m, m), None for the same.
 
         Returns:
             The number of cells that were taken over.
@@ -93,10 +108,13 @@ class WorldMap:
         i = np.floor((cosine * dx + sine * dy) / lattice.resolution).astype(np.int64) - lattice.x
         j = np.floor((cosine * dy - sine * dx) / lattice.resolution).astype(np.int64) - lattice.y
         inside = (i >= 0) & (i < lattice.cells) & (j >= 0) & (j < lattice.cells)
-        heights = np.full(inside.shape, np.nan)
+        heights, tops = np.full((2, *inside.shape), np.nan)
         heights[inside] = elevation[i[inside], j[inside]] + frame.z
         seen = np.isfinite(heights)
         self.elevation[rows, columns][seen] = heights[seen]
+        if top is not None:
+            tops[inside] = top[i[inside], j[inside]] + frame.z
+        self.top[rows, columns][seen] = tops[seen]
         return int(np.count_nonzero(seen))
 
     def filled(self) -> Array:
