@@ -165,6 +165,26 @@ def test_what_is_left_grows_less(ridged: PlanningGrid) -> None:
     assert all(0.2 * a < b < 0.8 * a for a, b in zip(whole, left, strict=True))
 
 
+@pytest.mark.parametrize(("times", "recoveries"), [(1, 1), (99, 3)])
+def test_a_base_that_shifts_when_the_steps_end_walks_to_the_goal_again(
+    flat: PlanningGrid, times: int, recoveries: int
+) -> None:
+    goal = PlanePose(2.0, 0.0, 0.0)
+    robot = ObedientRobot(flat)
+    navigation = Navigation([goal], robot.plan)
+    shifted = 0
+    while navigation.outcome is None:
+        before = robot.mode
+        robot.step(navigation)
+        if (before, robot.mode) == ("walk", "stand") and shifted < times:
+            shifted += 1
+            robot.pose = robot.pose._replace(y=robot.pose.y + 0.2)
+    assert (navigation.outcome, navigation.recoveries) == (Outcome.REACHED, recoveries)
+    assert navigation.goals_left == 0
+    if times == 1:
+        assert_at(robot, goal)
+
+
 def test_goals_are_reached_in_order(flat: PlanningGrid) -> None:
     goals = [PlanePose(2.0, 0.0, 0.0), PlanePose(2.0, 2.0, 1.5), PlanePose(0.0, 2.0, 3.0)]
     robot = ObedientRobot(flat)

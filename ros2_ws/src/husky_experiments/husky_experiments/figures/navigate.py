@@ -53,9 +53,7 @@ def draw_journeys(journeys: Sequence[Journey], directory: Path) -> Path:
     columns = min(_COLUMNS, len(journeys))
     rows = math.ceil(len(journeys) / columns)
     size = _SIZE * columns, _SIZE * rows + 0.5
-    figure, axes = make_figure(
-        rows, columns, "Journeys: blue walked, orange climbed, purple flown", size
-    )
+    figure, axes = make_figure(rows, columns, "Walk blue, climb orange, fly purple", size)
     for axis in axes.flat[len(journeys) :]:
         axis.set_axis_off()
     for axis, journey in zip(axes.flat, journeys, strict=False):

@@ -56,6 +56,10 @@ _CHANGING = 12.0
 """Longest time that a change of the mode takes, fans included [s]."""
 _STOPPING = 4.0
 """Longest time until the robot stands; on a slope it stays in mode `wair` [s]."""
+_SETTLING, _SHIFTED = 0.8, 0.1
+"""Time in which a robot comes to rest on its feet [s], and distance from the goal from which on it
+walks there again [m]: the base moves by up to 0.12 m when the last steps end.
+"""
 _IN_THE_AIR = 40.0
 """Longest time from the take-off to the height of a flight, or from there to the ground [s]."""
 _PROGRESS, _PATIENCE = 0.1, 8.0
@@ -480,10 +484,25 @@ class Navigation:
                 return wish
             self._comes_down, self._since = True, view.time
         stands = view.mode == STAND and not view.waits
+        if stands and self._ending is Outcome.REACHED and not self._rests_at_goal(view):
+            return Wish(STAND)
         most = {QUADROTOR: _IN_THE_AIR, SPLAY: _CHANGING, PERCH: _CHANGING}
         if stands or self._waits(view, most.get(view.mode, _STOPPING)):
             self.finish(self._ending or Outcome.STOPPED, self.reason)
         return Wish(STAND)
+
+    def _rests_at_goal(self, view: RobotView) -> bool:
+        """Return whether a standing robot is at rest; plan again if it has shifted too far."""
+        if not self._waits(view, _SETTLING):
+            return False
+        goal = self._goals[-1]
+        shift = math.hypot(view.pose.x - goal.x, view.pose.y - goal.y)
+        if shift <= _SHIFTED or not self._may_try_again():
+            return True
+        self._ending, self.reason = None, ""
+        self.reached -= 1
+        self._enter(_Phase.PLAN, view)
+        return False
 
     def _turn_back(self, leg: Leg, view: RobotView) -> None:
         """Lead the robot back to where a climb began, backwards."""
