@@ -31,7 +31,7 @@ def obstacle_boxes(world: ObstacleWorld) -> list[SolidBox]:
     """Return the boxes of all that stands on the ground."""
     boxes = [_upright_box(each.ground, -_BURIED, each.height) for each in world.boxes]
     for ridge in world.ridges:
-        boxes += _ridge_boxes(ridge)
+        boxes += ridge_boxes(ridge)
     return boxes
 
 
@@ -64,7 +64,7 @@ def _upright_box(ground: Rectangle, bottom: float, top: float) -> SolidBox:
     )
 
 
-def _ridge_boxes(ridge: Ridge) -> list[SolidBox]:
+def ridge_boxes(ridge: Ridge) -> list[SolidBox]:
     """Return a slab under each facet of both flanks, and a box under the level top."""
     ground = ridge.ground
     back = Rectangle(ground.x, ground.y, ground.yaw + math.pi, ground.length, ground.width)

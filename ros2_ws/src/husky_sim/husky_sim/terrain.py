@@ -10,8 +10,8 @@ import numpy as np
 from husky_description.plain_mujoco import mujoco
 from husky_sim.gap import DEPTH, Gap
 from husky_sim.lab_world import lab_world
-from husky_sim.obstacle_solids import ground_boxes, obstacle_boxes
-from husky_sim.obstacle_world import DITCH_DEPTH, ObstacleWorld
+from husky_sim.obstacle_solids import ground_boxes, obstacle_boxes, ridge_boxes
+from husky_sim.obstacle_world import DITCH_DEPTH, ObstacleWorld, Rectangle, Ridge
 from husky_sim.ramp import Ramp, SurfacePoint
 from husky_sim.random_world import random_world
 from husky_sim.scene_grounds import (
@@ -34,6 +34,10 @@ FLOOR = "floor"
 
 _THICKNESS = 0.15
 """Half of a ramp's [m]."""
+_WIDTH = 6.0
+"""Of a ramp and of a ridge [m]."""
+_STEEPEST_RIDGE = np.radians(60.0)
+"""Greatest inclination of a ridge [rad]."""
 
 
 @dataclass(frozen=True)
@@ -43,13 +47,13 @@ class TerrainOptions:
     Attributes:
         kind: one of `KINDS`.
         slope: inclination of the slope about the base's y axis, uphill along +x [rad]; those of
-            a ramp and of banks are not negative.
+            a ramp, a ridge and of banks are not negative.
         height: greatest height of tiles and scenes, or height of one step, or of the step behind a
             gap [m].
         size: edge of a tile or a facet, or depth of one step, or width of a gap along +x [m].
         length: how far tiles, steps and scenes reach along +x, from 0.8 m before the robot's start
-            [m]; of the straight slope of a ramp.
-        approach: flat ground before a ramp or a gap, or where the lane ends [m].
+            [m]; of the straight slopes of a ramp or a ridge.
+        approach: flat ground before a ramp, a ridge or a gap, or where the lane ends [m].
         blend: radius of the arcs at its foot and its crest [m].
         top: flat ground at its top, or behind a gap [m].
         lane: width of the flat ground along +x that rough ground, boxes, mixed scenes, banks and
@@ -85,8 +89,12 @@ class TerrainOptions:
                 raise ValueError(
                     f"terrain {name} is {value}, it must be {lower:.3g} to {upper:.3g}"
                 )
-        if self.kind == "ramp":
+        if self.kind in ("ramp", "ridge"):
             self.ramp  # noqa: B018 - refuses what is no ramp
+        if self.kind == "ridge" and not 0.0 < self.slope <= _STEEPEST_RIDGE:
+            allowed = f"more than 0 and at most {np.degrees(_STEEPEST_RIDGE):.3g} deg"
+            told = f"terrain slope is {np.degrees(self.slope):.3g} deg"
+            raise ValueError(f"{told}, of a ridge it must be {allowed}")
         if self.kind in ("steps", "rough", "boxes", "mixed", "banks"):
             self.area  # noqa: B018 - refuses a lane without a scene ahead
         if self.kind == "rough":
@@ -105,6 +113,13 @@ class TerrainOptions:
         return Ramp(self.slope, self.approach, self.blend, self.length, self.top)
 
     @property
+    def ridge(self) -> Ridge:
+        """The ridge of these measures, its foot at `approach`."""
+        flank = Ramp(self.slope, 0.0, self.blend, self.length, 0.0)
+        length = 2.0 * flank.at(flank.slope_end + flank.arc).x + self.top
+        return Ridge(Rectangle(self.approach + length / 2, 0.0, 0.0, length, _WIDTH), flank)
+
+    @property
     def gap(self) -> Gap:
         """The surface of a gap of these measures."""
         return Gap(self.approach, self.size, self.height, self.top)
@@ -119,7 +134,7 @@ class TerrainOptions:
 
         On tiles, steps and scenes it is the ground on which they stand.
         """
-        if self.kind == "ramp":
+        if self.kind in ("ramp", "ridge"):
             return self.ramp.at(distance)
         if self.kind == "gap":
             return SurfacePoint(distance, self.gap.height(distance), 0.0)
@@ -172,10 +187,16 @@ def _ramp(spec: mujoco.MjSpec, options: TerrainOptions, rng: np.random.Generator
             name=f"{FLOOR}_{index}",
             type=mujoco.mjtGeom.mjGEOM_BOX,
             pos=[middle[0], 0.0, middle[1]],
-            size=[length / 2, 3.0, _THICKNESS],
+            size=[length / 2, _WIDTH / 2, _THICKNESS],
             quat=[np.cos(angle / 2), 0.0, -np.sin(angle / 2), 0.0],
             material="tile",
         )
+
+
+def _ridge(spec: mujoco.MjSpec, options: TerrainOptions, rng: np.random.Generator) -> None:
+    """Flat ground with a slope up along +x, a level top and a slope down, solid, 6 m wide."""
+    _flat(spec, options, rng)
+    _add_boxes(spec, ridge_boxes(options.ridge))
 
 
 def _box(
@@ -306,6 +327,7 @@ KINDS_TABLE: dict[str, Builder] = {
     "flat": _flat,
     "slope": _slope,
     "ramp": _ramp,
+    "ridge": _ridge,
     "tiles": _tiles,
     "steps": _steps,
     "gap": _gap,

@@ -54,6 +54,26 @@ def test_rays_find_the_ground_that_the_measures_say():
     ), "it starts on the step"
 
 
+def test_a_ridge_is_a_solid_hill_along_the_surface_of_its_ramp():
+    options = TerrainOptions(kind="ridge", slope=0.8, approach=2.0, blend=1.5, length=0.4, top=1.0)
+    world = World(load_robot("beta"), WorldOptions(terrain=options))
+    for distance in np.linspace(0.5, options.ramp.slope_end + options.ramp.arc + 0.9, 40):
+        x, z, _ = options.at(distance)
+        assert seen_height(world, x) == pytest.approx(z, abs=2e-3)
+        assert seen_height(world, 2.0 * options.ridge.ground.x - x) == pytest.approx(z, abs=2e-3)
+    hit, robot = np.zeros(1, np.int32), world.model.body("base").id
+    for x in np.linspace(2.6, 2.0 * options.ridge.ground.x - 2.6, 30):  # 0.1 m up its side
+        start, inwards = np.array((x, 3.5, 0.1)), np.array((0.0, -1.0, 0.0))
+        away = mujoco.mj_ray(world.model, world.data, start, inwards, None, 1, robot, hit)
+        assert away == pytest.approx(0.5), x
+
+
+@pytest.mark.parametrize("slope", [0.0, -0.1, 1.2])
+def test_a_ridge_of_another_slope_is_refused(slope):
+    with pytest.raises(ValueError, match="slope is"):
+        TerrainOptions(kind="ridge", slope=slope)
+
+
 def test_the_edge_belongs_to_the_ground():
     gap = Gap(approach=1.0, width=0.5, step=0.2, top=1.0)
     assert gap.height(1.0) == 0.0 and gap.height(1.5) == 0.2

@@ -34,7 +34,7 @@ _LOOKING = 2.0
 """Time to look at the ground before the first goal, and to come to rest behind each [s]."""
 _SLOPE = Course(slope_deg=45.0, approach=2.5, length=0.4)
 _TOP = 4.0
-"""Length of the level top of the slope [m]."""
+"""Length of the level top, behind which it goes down as steeply [m]."""
 _TOP_HEIGHT = float(_SLOPE.crest_middle[2]) + _SLOPE.blend
 """Height of that top [m]."""
 _GAP = GapCourse(approach=3.0, step=0.25, top=5.0)
@@ -142,7 +142,8 @@ def run(run: Run) -> None:
 
 def _settings(robot: str, seed: int) -> dict[str, dict[str, ParameterValue]]:
     """Return the parameters of a robot that sees, on the ground of its mission."""
-    plant = _GAP.plant() if robot == "beta" else {**_SLOPE.plant(), "terrain_top": _TOP}
+    hill = {**_SLOPE.plant(), "terrain": "ridge", "terrain_top": _TOP}
+    plant = _GAP.plant() if robot == "beta" else hill
     return seeing_settings(robot, seed, plant)
 
 

@@ -21,10 +21,10 @@ from husky_sim.world import World
 _TERRAIN = {
     "height": ("greatest of tiles and scenes; step, or step behind a gap [m]", 0.0, 1.0),
     "size": ("tile, facet or step, or width of a gap [m]", 0.02, 10.0),
-    "length": ("of tiles, steps and scenes along x, of a ramp's slope [m]", 0.1, 100.0),
-    "approach": ("flat ground before a ramp or a gap; where the lane ends [m]", 0.0, 100.0),
-    "blend": ("radius of a ramp's arcs at foot and crest [m]", 0.0, 100.0),
-    "top": ("flat ground at a ramp's top or behind a gap [m]", 0.0, 100.0),
+    "length": ("of tiles, steps and scenes along x, slopes of a ramp or a ridge [m]", 0.1, 100.0),
+    "approach": ("flat ground before a slope or a gap; where the lane ends [m]", 0.0, 100.0),
+    "blend": ("radius of the arcs of a ramp or a ridge at foot and crest [m]", 0.0, 100.0),
+    "top": ("flat top of a ramp or a ridge, flat ground behind a gap [m]", 0.0, 100.0),
     "lane": ("flat ground along x that scenes and steps leave free [m]", 0.0, WIDEST_LANE),
 }
 """Parameters terrain_<attribute of `TerrainOptions`>: what they are, and their range."""
