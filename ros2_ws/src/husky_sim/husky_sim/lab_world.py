@@ -59,7 +59,7 @@ def _draw_world(site: ObstacleSite, closed: bool, count: int) -> ObstacleWorld |
     if grounds is None:
         return None
     boxes = [UprightBox(ground, site.between(_HEIGHT)) for ground in grounds]
-    walls = fence(site.square, _FENCE_HEIGHT)
+    walls = fence(site.square.ground, _FENCE_HEIGHT)
     return ObstacleWorld((), (*walls, *boxes), (), goal, closed, site.square)
 
 

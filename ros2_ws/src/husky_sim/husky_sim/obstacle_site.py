@@ -80,16 +80,16 @@ class ObstacleSite:
         return float(self.rng.uniform(*limits))
 
 
-def fence(square: Square, height: float) -> list[UprightBox]:
-    """Return the four walls of a height [m] around a square; their middle is on its edge."""
-    first, last, edge = square.first_x, square.last_x, square.side / 2
+def fence(yard: Rectangle, height: float) -> list[UprightBox]:
+    """Return the four walls of a height [m] around a yard of yaw 0; their middle is on its edge."""
+    ahead, beside = yard.length / 2, yard.width / 2
     return [
         *(
-            UprightBox(Rectangle(x, 0.0, 0.0, WALL_THICKNESS, square.side), height)
-            for x in (first, last)
+            UprightBox(Rectangle(x, yard.y, 0.0, WALL_THICKNESS, yard.width), height)
+            for x in (yard.x - ahead, yard.x + ahead)
         ),
         *(
-            UprightBox(Rectangle((first + last) / 2, y, 0.0, square.side, WALL_THICKNESS), height)
-            for y in (-edge, edge)
+            UprightBox(Rectangle(yard.x, y, 0.0, yard.length, WALL_THICKNESS), height)
+            for y in (yard.y - beside, yard.y + beside)
         ),
     ]

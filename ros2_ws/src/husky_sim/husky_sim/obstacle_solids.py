@@ -3,11 +3,19 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from itertools import pairwise
 
 import numpy as np
 
-from husky_sim.obstacle_world import DITCH_DEPTH, ObstacleWorld, Rectangle, Ridge, Square
+from husky_sim.obstacle_world import (
+    DITCH_DEPTH,
+    ObstacleWorld,
+    Rectangle,
+    Ridge,
+    Square,
+    UprightBox,
+)
 from husky_sim.ramp import Place
 from husky_sim.scene_grounds import Patch, SolidBox
 
@@ -27,12 +35,12 @@ def ground_boxes(world: ObstacleWorld) -> list[SolidBox]:
     return boxes
 
 
-def obstacle_boxes(world: ObstacleWorld) -> list[SolidBox]:
-    """Return the boxes of all that stands on the ground."""
-    boxes = [_upright_box(each.ground, -_BURIED, each.height) for each in world.boxes]
-    for ridge in world.ridges:
-        boxes += ridge_boxes(ridge)
-    return boxes
+def obstacle_boxes(boxes: Iterable[UprightBox], ridges: Iterable[Ridge]) -> list[SolidBox]:
+    """Return the boxes of what stands on the ground: upright boxes, then ridges."""
+    solids = [_upright_box(each.ground, -_BURIED, each.height) for each in boxes]
+    for ridge in ridges:
+        solids += _ridge_boxes(ridge)
+    return solids
 
 
 def _patches_around(ditches: tuple[Rectangle, ...], square: Square) -> list[Patch]:
@@ -64,7 +72,7 @@ def _upright_box(ground: Rectangle, bottom: float, top: float) -> SolidBox:
     )
 
 
-def ridge_boxes(ridge: Ridge) -> list[SolidBox]:
+def _ridge_boxes(ridge: Ridge) -> list[SolidBox]:
     """Return a slab under each facet of both flanks, and a box under the level top."""
     ground = ridge.ground
     back = Rectangle(ground.x, ground.y, ground.yaw + math.pi, ground.length, ground.width)

@@ -63,6 +63,12 @@ class Square:
         """Its end ahead of the start [m]."""
         return self.side - self.behind
 
+    @property
+    def ground(self) -> Rectangle:
+        """Its ground."""
+        middle = (self.first_x + self.last_x) / 2
+        return Rectangle(middle, 0.0, 0.0, self.side, self.side)
+
 
 @dataclass(frozen=True)
 class Rectangle:

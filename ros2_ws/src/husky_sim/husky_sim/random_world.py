@@ -72,7 +72,7 @@ class _Site(ObstacleSite):
         """Draw the world; return None if no ridge, no ditch or not the barrier finds room."""
         rng, goal = self.rng, self.draw_goal(_GOAL_X, _GOAL_Y)
         ridges: list[Ridge | None] = []
-        boxes: list[UprightBox | None] = [*fence(self.square, _FENCE_HEIGHT)]
+        boxes: list[UprightBox | None] = [*fence(self.square.ground, _FENCE_HEIGHT)]
         if self.barrier:
             crossing = self.ridge(yaw=0.0, last_x=goal.x - APART)
             if crossing is None:

@@ -10,7 +10,8 @@ import numpy as np
 from husky_description.plain_mujoco import mujoco
 from husky_sim.gap import DEPTH, Gap
 from husky_sim.lab_world import lab_world
-from husky_sim.obstacle_solids import ground_boxes, obstacle_boxes, ridge_boxes
+from husky_sim.obstacle_site import fence
+from husky_sim.obstacle_solids import ground_boxes, obstacle_boxes
 from husky_sim.obstacle_world import DITCH_DEPTH, ObstacleWorld, Rectangle, Ridge
 from husky_sim.ramp import Ramp, SurfacePoint
 from husky_sim.random_world import random_world
@@ -36,6 +37,8 @@ _THICKNESS = 0.15
 """Half of a ramp's [m]."""
 _WIDTH = 6.0
 """Of a ramp and of a ridge [m]."""
+_BEHIND, _FENCE_HEIGHT = 1.5, 0.6
+"""Level ground behind the start of a ridge's yard, and height of the fence around it [m]."""
 _STEEPEST_RIDGE = np.radians(60.0)
 """Greatest inclination of a ridge [rad]."""
 
@@ -120,6 +123,12 @@ class TerrainOptions:
         return Ridge(Rectangle(self.approach + length / 2, 0.0, 0.0, length, _WIDTH), flank)
 
     @property
+    def yard(self) -> Rectangle:
+        """The ground around that ridge, with as much behind it as before it."""
+        last = 2.0 * self.ridge.ground.x + _BEHIND
+        return Rectangle((last - _BEHIND) / 2, 0.0, 0.0, last + _BEHIND, _WIDTH)
+
+    @property
     def gap(self) -> Gap:
         """The surface of a gap of these measures."""
         return Gap(self.approach, self.size, self.height, self.top)
@@ -194,9 +203,9 @@ def _ramp(spec: mujoco.MjSpec, options: TerrainOptions, rng: np.random.Generator
 
 
 def _ridge(spec: mujoco.MjSpec, options: TerrainOptions, rng: np.random.Generator) -> None:
-    """Flat ground with a slope up along +x, a level top and a slope down, solid, 6 m wide."""
+    """A solid hill across a yard 6 m wide: a slope up along +x, a level top, a slope down."""
     _flat(spec, options, rng)
-    _add_boxes(spec, ridge_boxes(options.ridge))
+    _add_boxes(spec, obstacle_boxes(fence(options.yard, _FENCE_HEIGHT), [options.ridge]))
 
 
 def _box(
@@ -303,7 +312,7 @@ def _add_world(spec: mujoco.MjSpec, world: ObstacleWorld) -> None:
     _plane(spec, [1.0, 0.0, 0.0, 0.0], -DITCH_DEPTH)
     ground = ground_boxes(world)
     _add_boxes(spec, ground, material="ground")
-    _add_boxes(spec, obstacle_boxes(world), first=len(ground))
+    _add_boxes(spec, obstacle_boxes(world.boxes, world.ridges), first=len(ground))
 
 
 def _add_boxes(

@@ -62,10 +62,13 @@ def test_a_ridge_is_a_solid_hill_along_the_surface_of_its_ramp():
         assert seen_height(world, x) == pytest.approx(z, abs=2e-3)
         assert seen_height(world, 2.0 * options.ridge.ground.x - x) == pytest.approx(z, abs=2e-3)
     hit, robot = np.zeros(1, np.int32), world.model.body("base").id
-    for x in np.linspace(2.6, 2.0 * options.ridge.ground.x - 2.6, 30):  # 0.1 m up its side
-        start, inwards = np.array((x, 3.5, 0.1)), np.array((0.0, -1.0, 0.0))
-        away = mujoco.mj_ray(world.model, world.data, start, inwards, None, 1, robot, hit)
-        assert away == pytest.approx(0.5), x
+    for x in np.linspace(-1.4, 2.0 * options.ridge.ground.x + 1.4, 50):  # its side, from outside
+        for height, wanted in (0.1, 0.425), (0.8, 0.5):  # in the fence and over it
+            if height == 0.8 and options.ridge.height_at(x, 0.0) < 0.82:
+                continue
+            start, inwards = np.array((x, 3.5, height)), np.array((0.0, -1.0, 0.0))
+            away = mujoco.mj_ray(world.model, world.data, start, inwards, None, 1, robot, hit)
+            assert away == pytest.approx(wanted), (x, height)
 
 
 @pytest.mark.parametrize("slope", [0.0, -0.1, 1.2])
