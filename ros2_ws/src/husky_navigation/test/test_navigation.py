@@ -416,9 +416,12 @@ def test_a_robot_that_comes_free_goes_on(flat: PlanningGrid) -> None:
     navigation = Navigation([PlanePose(4.0, 0.0, 0.0)], robot.plan)
     robot.stalls = True
     robot.run_until(navigation, lambda: navigation.recoveries == 1)
-    robot.stalls = False
-    robot.run(navigation)
+    robot.stalls, headings = False, [robot.pose.yaw]
+    while navigation.outcome is None:
+        robot.step(navigation)
+        headings.append(robot.pose.yaw)
     assert (navigation.outcome, navigation.recoveries) == (Outcome.REACHED, 1)
+    assert min(headings) < -1.0 and max(headings) > 1.0, "it looks to the left and to the right"
 
 
 def half_seen(x: Array, y: Array) -> Array:

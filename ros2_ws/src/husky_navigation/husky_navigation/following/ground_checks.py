@@ -43,7 +43,7 @@ _SIDEWAYS = 0.3
 
 
 def needs_a_look(route: Route, place: Place) -> bool:
-    """Return whether a route climbs from a place where too little of the slope is seen."""
+    """Return whether a route climbs a slope of which too little is seen from a place [m]."""
     for leg in route.legs:
         away = math.hypot(leg.points[0, 0] - place[0], leg.points[0, 1] - place[1])
         if leg.mode == CLIMB and not leg.is_seen and away < _SAME_PLACE:
@@ -93,7 +93,7 @@ def is_seen(grid: PlanningGrid, pose: PlanePose, left: float) -> bool:
 
 
 def can_climb_on(grid: PlanningGrid, leg: Leg, pose: PlanePose) -> bool:
-    """Return whether the ground ahead on a climb, up to its end, was seen and is even."""
+    """Return whether, up to the end of a climb, the next 0.4 m were seen and 0.9 m are even."""
     end = leg.points[-1]
     left = math.hypot(end[0] - pose.x, end[1] - pose.y)
     for way in np.arange(0.0, min(left, _CLIMB_EVEN), grid.lattice.resolution):
@@ -142,22 +142,21 @@ def _around(cell: Cell) -> tuple[slice, slice]:
 
 
 def may_land(grid: PlanningGrid, air: AirLayers, pose: PlanePose) -> bool:
-    """Return whether a robot may land where it is: level ground was seen all around."""
-    return _is_any_near(grid, air.landing, pose)
+    """Return whether a robot may land at one of the 3 x 3 places around it, on ground seen."""
+    return _is_any_near(grid, air, air.landing, pose)
 
 
 def may_hope_to_land(grid: PlanningGrid, air: AirLayers, pose: PlanePose) -> bool:
     """Return whether only ground that was not seen speaks against a landing."""
-    return _is_any_near(grid, air.hoped, pose)
+    return _is_any_near(grid, air, air.hoped, pose)
 
 
-def _is_any_near(grid: PlanningGrid, places: Mask, pose: PlanePose) -> bool:
-    """Return whether one of the places in the air around a pose is marked."""
+def _is_any_near(grid: PlanningGrid, air: AirLayers, places: Mask, pose: PlanePose) -> bool:
+    """Return whether one of the 3 x 3 places in the air around a pose is marked."""
     cell = grid.lattice.index_of(pose.x, pose.y)
     if cell is None:
         return False
-    i, j = cell
-    return bool(places[_around((i // STRIDE, j // STRIDE))].any())
+    return bool(places[_around(air.place(cell))].any())
 
 
 def ground_below(grid: PlanningGrid, air: AirLayers, leg: Leg) -> float:

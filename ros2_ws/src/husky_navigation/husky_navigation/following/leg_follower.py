@@ -38,7 +38,7 @@ class VelocityCommand(NamedTuple):
 
 
 class Pace(NamedTuple):
-    """Greatest velocities and how near is there.
+    """Velocity limits and tolerances of a way of moving.
 
     Attributes:
         forward, sideways: [m/s].

@@ -85,7 +85,7 @@ _RECOVERIES, _MOST_RECOVERIES = 3, 10
 _BACK, _BACK_TIME = 0.15, 2.0
 """Speed and time of a step back [m/s, s]."""
 _LOOK_RATE, _LOOK_TIME = 0.4, 3.0
-"""Yaw rate to each side [rad/s], and time to the left end; three times that in all [s]."""
+"""Yaw rate [rad/s], and time to the left end [s]; from there to the right end takes twice that."""
 _NO_LANDING = "the ground where it was to land is seen, and is not fit for that"
 """Reason of a flight that ends over such ground."""
 _LONG = 1.0
@@ -476,6 +476,7 @@ class Navigation:
 
     def _stand(self, view: RobotView, grid: PlanningGrid) -> Wish:
         """Come to rest on the legs: a robot in the air goes where it may land first."""
+        assert self._ending is not None
         if view.mode == QUADROTOR and not self._comes_down:
             assert self._air is not None
             seeking = not self._waits(view, _IN_THE_AIR)
@@ -488,7 +489,7 @@ class Navigation:
             return Wish(STAND)
         most = {QUADROTOR: _IN_THE_AIR, SPLAY: _CHANGING, PERCH: _CHANGING}
         if stands or self._waits(view, most.get(view.mode, _STOPPING)):
-            self.finish(self._ending or Outcome.STOPPED, self.reason)
+            self.finish(self._ending, self.reason)
         return Wish(STAND)
 
     def _rests_at_goal(self, view: RobotView) -> bool:
@@ -554,7 +555,7 @@ class Navigation:
             return Wish(TROT, velocity=VelocityCommand(-_BACK if has_room else 0.0))
         looked = since - _BACK_TIME
         if looked < 3.0 * _LOOK_TIME:
-            side = 1.0 if not _LOOK_TIME <= looked < 2.0 * _LOOK_TIME else -1.0
+            side = 1.0 if looked < _LOOK_TIME else -1.0
             return Wish(TROT, velocity=VelocityCommand(turn=side * _LOOK_RATE))
         self._enter(_Phase.PLAN, view)
         return Wish(TROT)

@@ -13,7 +13,7 @@ STAND, TROT, WAIR = "stand", "walk", "wair"
 PERCH, SPLAY, QUADROTOR = "perch", "splay", "quadrotor"
 """Modes of the controller."""
 MODE_OF = {WALK: TROT, CLIMB: WAIR, FLY: QUADROTOR}
-"""Mode of the controller in which a leg is gone."""
+"""Mode of the controller for each kind of leg."""
 _LEAST_RISE, _LEAST_DEPTH = 0.2, 0.1
 """Height over where it took off of the lowest flight, the lower bound of the controller's parameter
 `quadrotor.height`, and depth down to which a landing looks for ground at least [m].
@@ -88,7 +88,7 @@ class Wish(NamedTuple):
 
 
 def is_up(leg: Leg, view: RobotView) -> bool:
-    """Return whether a robot in the air has risen to the altitude of a flight."""
+    """Return whether a robot in the air is as high as a flight, or higher."""
     return view.height > leg.altitude - NEAR_TOP
 
 

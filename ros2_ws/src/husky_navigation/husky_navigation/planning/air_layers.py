@@ -39,12 +39,12 @@ class AirLayers(NamedTuple):
     Attributes:
         altitude: of the base in `map`, of each layer [m] (k,).
         free: the robot may be there (k, m, m).
-        height: of the base over the ground, there [m] (k, m, m).
+        height: its altitude less `ground` [m] (k, m, m).
         reach: from the ground below the robot may rise to there, and sink back (k, m, m).
         lowest: altitude from which on the base is clear of the ground around, over each planning
             cell; -inf where nothing was seen [m] (n, n).
         known: ground was seen below (m, m).
-        ground: its height; that of the nearest take-off where there can be none [m] (m, m).
+        ground: height of the nearest cell from which it may take off, itself included [m] (m, m).
         take_off: the robot may take off from each planning cell (n, n).
         landing: it may land, on level ground that was seen (m, m).
         hoped: it may if the ground that was not seen is level (m, m).
@@ -62,9 +62,9 @@ class AirLayers(NamedTuple):
     hoped: Mask
 
     def place(self, cell: Cell) -> Cell:
-        """Return the place next to a planning cell."""
-        i, j = (min(round(index / STRIDE), len(self.known) - 1) for index in cell)
-        return i, j
+        """Return the place over a planning cell, or over the one before it."""
+        i, j = cell
+        return i // STRIDE, j // STRIDE
 
     def is_open(self, layer: int, cells: tuple[Indices, Indices]) -> bool:
         """Return whether the robot may fly over planning cells."""

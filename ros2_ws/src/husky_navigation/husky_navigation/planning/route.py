@@ -60,8 +60,8 @@ class Leg:
         yaw: heading at its end [rad]; on a climb all along, also backwards.
         time: that it is to take [s]; of a flight, from legs to arms and back too.
         energy: that it is to cost [J], as well.
-        is_seen: so much of a climb that it may begin, or the ground on which a flight lands; else
-            the robot has to look at it before.
+        is_seen: so much of a climb that it may begin, else the robot looks at it first; the ground
+            on which a flight lands, else it is judged when the robot is above it.
         downwards: on a climb.
         altitude: of the base in `map`, all along a flight; NaN on the ground [m].
         ground: height in `map` of the ground on which a flight lands, NaN of other legs [m].

@@ -164,9 +164,8 @@ class RouteGraph:
             costs: that were measured of it.
             prices: of what counts beside energy.
             modes: of `MODES`, those that may be used; walking always may.
-            closed: places that were looked at, and not seen: ground around them that was not seen,
-                and slopes that begin there and were not seen whole, are not gone on, nor are they
-                landed on [m].
+            closed: places from which ground was looked for in vain [m]: around them no unseen
+                ground is walked on, no slope begun that was not seen whole, no landing hoped for.
             air: over the grid, where it was made before.
 
         Raises:

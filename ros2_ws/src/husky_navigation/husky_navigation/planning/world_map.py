@@ -42,7 +42,7 @@ class WorldMap:
     Attributes:
         lattice: of its cells.
         elevation: height [m] (n, n), [i, j] along +x and +y; NaN where nothing was seen.
-        top: highest surface, where it is another than that [m] (n, n), NaN elsewhere.
+        top: highest surface [m] (n, n); NaN where no map with that layer was merged.
     """
 
     def __init__(self, resolution: float = 0.05, cells: int = 400) -> None:
