@@ -29,7 +29,8 @@ class Cells(NamedTuple):
         contradictions: images in a row that agree on that other height.
         looked_through: images that have looked through the cell, less those that agreed with it.
         top: highest surface that was seen in the cell in odom, of a wall its upper edge [m].
-        looked_over: images in a row that have looked through the cell at the height of its top.
+        looked_over: images that have looked through the cell at the height of its top, since that
+            was seen.
     """
 
     height: Array

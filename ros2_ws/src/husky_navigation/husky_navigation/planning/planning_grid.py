@@ -25,8 +25,8 @@ HEADINGS = 8
 COARSENING = 2
 """Cells of the world map along an edge of a planning cell."""
 _WALL = 0.2
-"""Height over the ground from which on a surface in the same cell is a wall [m]; `elevation` may be
-its foot alone.
+"""Height over the mean ground from which on a surface in the same cell is a wall [m]; `elevation`
+may be its foot alone. The steepest slope rises by 0.05 m to a cell's edge, the rest is for errors.
 """
 _WIDE = 2
 """Planning cells to each side across which the rise of the ground is measured: so noise of the map
