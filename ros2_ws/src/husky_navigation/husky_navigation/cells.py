@@ -31,6 +31,7 @@ class Cells(NamedTuple):
         top: highest surface that was seen in the cell in odom, of a wall its upper edge [m].
         looked_over: images that have looked through the cell at the height of its top, since that
             was seen.
+        age: time since its height or top was measured [s].
     """
 
     height: Array
@@ -46,6 +47,7 @@ class Cells(NamedTuple):
     looked_through: Array
     top: Array
     looked_over: Array
+    age: Array
 
 
 class Lattice(NamedTuple):
@@ -100,8 +102,9 @@ def forget(cells: Cells, which: NDArray[np.bool_]) -> None:
     cells.height[which] = cells.top[which] = np.nan
 
 
-def age(cells: Cells, variance: float, lift: float) -> None:
-    """Let all cells grow less sure by a variance [m^2], and move up by a height [m]."""
+def age(cells: Cells, time: float, variance: float, lift: float) -> None:
+    """Let all cells grow older [s], less sure by a variance [m^2], and move up by a height [m]."""
+    cells.age[:] += time
     for height in (cells.height, cells.other_height, cells.top):
         height += lift
     for less_sure in (cells.variance, cells.other_variance):

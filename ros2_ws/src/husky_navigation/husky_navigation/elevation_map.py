@@ -100,6 +100,14 @@ class ElevationMap:
         """
         return np.where(self._known(), np.fmax(self._cells.height, self._cells.top), np.nan)
 
+    @property
+    def age(self) -> Array:
+        """Time from the last measurement of each cell to the last image [s] (n, n).
+
+        NaN where the ground was not seen.
+        """
+        return np.where(self._known(), self._cells.age, np.nan)
+
     def _known(self) -> NDArray[np.bool_]:
         """Return which cells enough points have shown, on all sides of the centre (n, n)."""
         cells, p = self._cells, self.parameters
@@ -150,8 +158,8 @@ class ElevationMap:
         """
         if capsules.ndim != 2 or capsules.shape[1] != 7:
             raise ValueError(f"capsules have shape {capsules.shape}, it must be (k, 7)")
-        elapsed = view.time - self._time if math.isfinite(self._time) else 0.0
-        self._growth += self.parameters.time_variance * min(max(elapsed, 0.0), _LONGEST)
+        elapsed = max(0.0, view.time - self._time) if math.isfinite(self._time) else 0.0
+        self._growth += self.parameters.time_variance * min(elapsed, _LONGEST)
         self._time = max(self._time, view.time)
         found, fates = gather(
             view.depth,
@@ -163,7 +171,7 @@ class ElevationMap:
             self._seen,
         )
         places, pixels = self._seen.touched[:found], PixelCounts(*fates.tolist())
-        compared, correction, lift = self._correct(places)
+        compared, correction, lift = self._correct(places, elapsed)
         measured = self._measured(places, view.position, correction)
         outcome = fuse(self._cells, places, measured, self.parameters)
         removed = 0
@@ -206,7 +214,7 @@ class ElevationMap:
             total = self._cells.variance[i, j] + variance + self._drift.variance
             if differs**2 < self.parameters.gate**2 * total:
                 lift = self._drift.correct(differs, float(self._cells.variance[i, j]) + variance)
-                age(self._cells, 0.0, lift)
+                age(self._cells, 0.0, 0.0, lift)
         self._put(np.array([i * self.lattice.cells + j]), np.array([z]), variance)
         return True
 
@@ -240,13 +248,18 @@ class ElevationMap:
         self._put(np.flatnonzero(unseen), z[unseen], deviation**2)
         return int(np.count_nonzero(unseen))
 
-    def _correct(self, places: Indices) -> tuple[int, float, float]:
-        """Return cells compared, the image's correction and the lift of the map [m]."""
+    def _correct(self, places: Indices, elapsed: float) -> tuple[int, float, float]:
+        """Return cells compared, the image's correction and the lift of the map [m].
+
+        Args:
+            places: of the cells that the image sees.
+            elapsed: time since the last image [s].
+        """
         compared, height = height_over_map(self._cells, self._seen, places, self.parameters)
         lift = 0.0
         if height is not None:
             lift = self._drift.correct(height, self.parameters.image_deviation**2)
-        age(self._cells, self._growth, lift)
+        age(self._cells, elapsed, self._growth, lift)
         self._growth = 0.0
         return compared, 0.0 if height is None else height - lift, lift
 

@@ -102,7 +102,8 @@ def raise_tops(cells: Cells, places: Indices, edges: Array) -> None:
     """
     top, looked_over = cells.top.reshape(-1), cells.looked_over.reshape(-1)
     top[places] = np.fmax(top[places], edges)
-    looked_over[places[~np.isnan(edges)]] = 0.0
+    measured = places[~np.isnan(edges)]
+    looked_over[measured] = cells.age.reshape(-1)[measured] = 0.0
 
 
 def _begin(flat: Cells, places: Indices, seen: HeightMeasurements) -> None:
@@ -115,6 +116,7 @@ def _begin(flat: Cells, places: Indices, seen: HeightMeasurements) -> None:
     flat.offset_y[places] = seen.offset_y
     flat.contradictions[places] = 0
     flat.looked_through[places] = 0
+    flat.age[places] = 0.0
 
 
 def _update(
@@ -139,6 +141,7 @@ def _update(
     flat.contradictions[places] = np.maximum(0, flat.contradictions[places] - 1)
     through = flat.looked_through[places] - 1.0
     flat.looked_through[places] = np.maximum(0, through)
+    flat.age[places] = 0.0
 
 
 def _contradict(

@@ -63,7 +63,9 @@ def test_forgotten_cells_are_unseen_and_others_stay():
 def test_cells_age():
     cells = unseen_cells(2)
     cells.height[0, 0], cells.variance[0, 0] = 0.5, 1e-4
-    age(cells, 2e-5, 0.01)
+    age(cells, 0.3, 2e-5, 0.01)
+    age(cells, 0.2, 0.0, 0.0)
     assert cells.height[0, 0] == pytest.approx(0.51)
     assert cells.variance[0, 0] == pytest.approx(1.2e-4)
+    assert cells.age[0, 0] == pytest.approx(0.5)
     assert np.isnan(cells.height[1, 1])

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from map_trial import show
+from map_trial import CAMERA, show
 from simulated_walk import FEET_IN_BASE, STEADY, Motion, Pose, poses
 from terrain_scenes import FLOOR, Box, Scene
 
@@ -132,6 +132,23 @@ def test_ground_out_of_sight_does_not_sink_while_the_robot_treads():
     change = elevation_map.elevation[hidden] - before
     assert np.isfinite(change).sum() > 200
     assert np.nanmax(np.abs(change)) < 2e-3
+
+
+def test_cells_grow_old_until_they_are_measured_again():
+    random, elevation_map = np.random.default_rng(3), ElevationMap()
+    stand(elevation_map, FLAT, 6, random)
+    known = np.isfinite(elevation_map.elevation)
+    assert np.nanmedian(elevation_map.age) == 0.0
+    assert np.isnan(elevation_map.age[~known]).all()
+    nothing = np.zeros((120, 160), np.uint16)
+    for time in (1.0, 1.5):
+        elevation_map.integrate(DepthView(nothing, CAMERA, np.eye(3), np.zeros(3), time))
+    assert np.nanmin(elevation_map.age) == pytest.approx(1.5 - 0.5)
+    elevation_map.observe_foothold(np.array([1.0, 0.0, 0.0]))
+    i, j = elevation_map.lattice.index_of(1.0, 0.0)
+    assert elevation_map.age[i, j] == 0.0
+    stand(elevation_map, FLAT, 1, random)
+    assert np.nanmedian(elevation_map.age) == 0.0
 
 
 def test_a_wrong_pose_does_not_spoil_the_map():

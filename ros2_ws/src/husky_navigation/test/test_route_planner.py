@@ -13,6 +13,7 @@ from husky_navigation.frame_filter import LevelTransform
 from husky_navigation.planning.given_path import GivenPath
 from husky_navigation.planning.route import PlanePose, Refusal, RouteError
 from husky_navigation.planning.route_planner import NO_LIMITS, Limits, RoutePlanner
+from husky_navigation.planning.world_map import MapHeights
 
 ROLLING = Lattice(0.05, 160, -80, -80)
 START, GOAL = PlanePose(0.0, 0.0, 0.0), PlanePose(3.0, 0.0, 0.0)
@@ -21,8 +22,19 @@ START, GOAL = PlanePose(0.0, 0.0, 0.0), PlanePose(3.0, 0.0, 0.0)
 def planner_on(elevation: np.ndarray) -> RoutePlanner:
     """Return a planner that has seen one rolling map around the origin."""
     planner = RoutePlanner("carbon")
-    planner.merge(elevation, ROLLING, LevelTransform())
+    show(planner, elevation)
     return planner
+
+
+def show(
+    planner: RoutePlanner,
+    elevation: np.ndarray,
+    lattice: Lattice = ROLLING,
+    top: np.ndarray | None = None,
+) -> None:
+    """Let the planner see a rolling map, all of it at this moment."""
+    age, top = np.zeros_like(elevation), elevation if top is None else top
+    planner.merge(MapHeights(elevation, top, age, lattice), LevelTransform())
 
 
 def ridged() -> RoutePlanner:
@@ -30,7 +42,7 @@ def ridged() -> RoutePlanner:
     planner = RoutePlanner("carbon")
     ridge = Ridge(20.0)
     shown = seen(lambda x, y: np.where(y < 1.5, ridge(x, y), np.where(y < 1.7, HIGH, 0.0)))
-    planner.merge(shown.elevation, shown.lattice, LevelTransform())
+    show(planner, shown.elevation, shown.lattice)
     return planner
 
 
@@ -38,7 +50,7 @@ def test_a_wall_of_which_the_map_holds_the_foot_is_walked_around() -> None:
     planner, level = RoutePlanner("carbon"), np.zeros((160, 160))
     x, y = np.meshgrid(*ROLLING.cell_centers(), indexing="ij")
     wall = (np.abs(x - 1.5) < 0.03) & (y < 1.0)
-    planner.merge(level, ROLLING, LevelTransform(), np.where(wall, HIGH, 0.0))
+    show(planner, level, top=np.where(wall, HIGH, 0.0))
     assert planner.plan(START, GOAL).length > 3.5
 
 
@@ -49,9 +61,7 @@ def test_it_plans_on_the_newest_ground() -> None:
     grid = planner.grid()
     assert planner.grid() is grid
     x, y = np.meshgrid(*ROLLING.cell_centers(), indexing="ij")
-    planner.merge(
-        np.where((np.abs(x - 1.5) < 0.1) & (y < 1.0), HIGH, 0.0), ROLLING, LevelTransform()
-    )
+    show(planner, np.where((np.abs(x - 1.5) < 0.1) & (y < 1.0), HIGH, 0.0))
     assert planner.grid() is not grid
     assert planner.plan(START, GOAL).length > 3.5
     planner.clear()

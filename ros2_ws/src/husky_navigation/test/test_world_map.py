@@ -9,10 +9,23 @@ import pytest
 
 from husky_navigation.cells import Lattice
 from husky_navigation.frame_filter import LevelTransform
-from husky_navigation.planning.world_map import WorldMap, shape_of
+from husky_navigation.planning.world_map import MapHeights, WorldMap, shape_of
 
 ROLLING = Lattice(0.04, 100, -50, -50)
 HERE = LevelTransform()
+
+
+def heights_of(
+    elevation: np.ndarray, x: int = ROLLING.x, top: np.ndarray | None = None, age: float = 0.0
+) -> MapHeights:
+    """Return a rolling map of an age [s], its lowest corner x cells from its frame's origin."""
+    top = elevation if top is None else np.fmax(elevation, top)
+    return MapHeights(elevation, top, np.full(elevation.shape, age), ROLLING._replace(x=x))
+
+
+def cells_seen(world: WorldMap) -> int:
+    """Return the number of cells that have a height."""
+    return int(np.isfinite(world.elevation).sum())
 
 
 def heights(lattice: Lattice, frame: LevelTransform, gradient: tuple[float, float]) -> np.ndarray:
@@ -28,8 +41,8 @@ def heights(lattice: Lattice, frame: LevelTransform, gradient: tuple[float, floa
 )
 def test_a_rolling_map_of_any_frame_lies_where_it_belongs(frame: LevelTransform) -> None:
     world = WorldMap()
-    count = world.merge(heights(ROLLING, frame, (0.2, -0.1)), ROLLING, frame)
-    assert count == pytest.approx((4.0 / 0.05) ** 2, rel=0.03)
+    world.merge(heights_of(heights(ROLLING, frame, (0.2, -0.1))), frame)
+    assert cells_seen(world) == pytest.approx((4.0 / 0.05) ** 2, rel=0.03)
     x, y = np.meshgrid(*world.lattice.cell_centers(), indexing="ij")
     seen = ~np.isnan(world.elevation)
     error = (world.elevation - (0.2 * x - 0.1 * y))[seen]
@@ -41,8 +54,8 @@ def test_a_rolling_map_of_any_frame_lies_where_it_belongs(frame: LevelTransform)
 
 def test_ground_that_the_rolling_map_has_left_behind_is_kept() -> None:
     world = WorldMap()
-    world.merge(np.full((100, 100), 0.1), ROLLING, HERE)
-    world.merge(np.full((100, 100), 0.2), ROLLING._replace(x=0), HERE)
+    world.merge(heights_of(np.full((100, 100), 0.1)), HERE)
+    world.merge(heights_of(np.full((100, 100), 0.2), x=0), HERE)
     x = world.lattice.cell_centers()[0]
     row = world.elevation[:, 200]
     np.testing.assert_array_equal(row[(x > -2.0) & (x < 0.0)], 0.1)
@@ -52,30 +65,59 @@ def test_ground_that_the_rolling_map_has_left_behind_is_kept() -> None:
 def test_it_keeps_the_highest_surface_of_each_cell_too() -> None:
     world, ground, top = WorldMap(), np.zeros((100, 100)), np.full((100, 100), np.nan)
     top[50:60] = 0.8
-    world.merge(ground, ROLLING, HERE._replace(z=0.1), top)
+    world.merge(heights_of(ground, top=top), HERE._replace(z=0.1))
     x = world.lattice.cell_centers()[0]
     wall = (x > 0.05) & (x < 0.35)
     np.testing.assert_allclose(world.highest[wall, 200], 0.9)
     np.testing.assert_allclose(world.elevation[wall, 200], 0.1)
     np.testing.assert_allclose(world.highest[(x > 0.5) & (x < 1.9), 200], 0.1)
-    world.merge(ground, ROLLING, HERE)
+    world.merge(heights_of(ground), HERE)
     np.testing.assert_array_equal(world.highest[wall, 200], 0.0)
-    world.merge(ground, ROLLING, HERE, top)
+    world.merge(heights_of(ground, top=top), HERE)
     world.clear()
     assert np.isnan(world.highest).all()
 
 
 def test_unseen_cells_of_a_rolling_map_take_nothing_away() -> None:
     world = WorldMap()
-    world.merge(np.full((100, 100), 0.1), ROLLING, HERE)
-    assert world.merge(np.full((100, 100), np.nan), ROLLING, HERE) == 0
+    world.merge(heights_of(np.full((100, 100), 0.1)), HERE)
+    count = cells_seen(world)
+    world.merge(heights_of(np.full((100, 100), np.nan)), HERE)
     assert np.nanmin(world.elevation) == 0.1
+    assert cells_seen(world) == count
+
+
+def test_cells_that_were_not_measured_since_stay_where_they_were() -> None:
+    """The frame drifts by less than a jump; all cells are taken over after one."""
+    world = WorldMap()
+    world.merge(heights_of(np.full((100, 100), 0.1)), HERE)
+    newer = heights_of(np.full((100, 100), 0.1), age=0.5)
+    newer.age[:50] = 3.0
+    x = world.lattice.cell_centers()[0]
+    before, ahead = (x > -1.9) & (x < -0.1), (x > 0.1) & (x < 1.9)
+    world.merge(newer, HERE._replace(z=0.06), oldest=1.0)
+    np.testing.assert_array_equal(world.elevation[before, 200], 0.1)
+    np.testing.assert_allclose(world.elevation[ahead, 200], 0.16)
+    world.merge(newer, HERE._replace(z=0.12), oldest=1.0)
+    np.testing.assert_array_equal(world.elevation[before, 200], 0.1)
+    world.merge(newer, HERE._replace(z=0.32), oldest=1.0)
+    np.testing.assert_allclose(world.elevation[before | ahead, 200], 0.42)
+
+
+def test_the_first_map_is_taken_over_as_a_whole() -> None:
+    world = WorldMap()
+    for _ in range(2):
+        world.merge(heights_of(np.full((100, 100), 0.1), age=5.0), HERE, oldest=1.0)
+        assert cells_seen(world) > 0
+        world.clear()
 
 
 def test_a_rolling_map_beyond_the_border_is_cut_off() -> None:
     world = WorldMap()
-    assert world.merge(np.zeros((100, 100)), ROLLING, HERE._replace(x=9.0)) < 80 * 80
-    assert world.merge(np.zeros((100, 100)), ROLLING, HERE._replace(x=90.0)) == 0
+    world.merge(heights_of(np.zeros((100, 100))), HERE._replace(x=90.0))
+    assert cells_seen(world) == 0
+    world.merge(heights_of(np.zeros((100, 100))), HERE._replace(x=9.0))
+    assert 0 < cells_seen(world) < 80 * 80
 
 
 def test_a_wall_is_rough_and_a_slope_is_not() -> None:
@@ -108,4 +150,4 @@ def test_a_size_that_cannot_be_halved_twice_is_refused(cells: int) -> None:
 
 def test_a_frame_that_is_not_finite_is_refused() -> None:
     with pytest.raises(ValueError, match="it must be finite"):
-        WorldMap().merge(np.zeros((100, 100)), ROLLING, HERE._replace(z=math.inf))
+        WorldMap().merge(heights_of(np.zeros((100, 100))), HERE._replace(z=math.inf))

@@ -13,6 +13,8 @@ APART = 1.2
 """Least distance of an obstacle from start, goal, fence and every other obstacle [m]."""
 WALL_THICKNESS = 0.15
 """Of walls and the fence [m]."""
+_FENCE_HEIGHT = 0.6
+"""Of a fence that a robot on legs does not climb [m]."""
 _MOST_SPOTS = 150
 """Draws for a free spot before an obstacle is left out."""
 
@@ -80,7 +82,7 @@ class ObstacleSite:
         return float(self.rng.uniform(*limits))
 
 
-def fence(yard: Rectangle, height: float) -> list[UprightBox]:
+def fence(yard: Rectangle, height: float = _FENCE_HEIGHT) -> list[UprightBox]:
     """Return the four walls of a height [m] around a yard of yaw 0; their middle is on its edge."""
     ahead, beside = yard.length / 2, yard.width / 2
     return [

@@ -17,8 +17,6 @@ SQUARE = Square(side=12.0, behind=1.5)
 APPROACH = 2.0
 """Level ground before both feet of a ridge, over its whole width; the robot turns in it [m]."""
 
-_FENCE_HEIGHT = 0.6
-"""Of the fence [m]."""
 _BARRIER_SHARE = 0.5
 """Share of the worlds that have a barrier."""
 _MOST_WORLDS = 100
@@ -72,7 +70,7 @@ class _Site(ObstacleSite):
         """Draw the world; return None if no ridge, no ditch or not the barrier finds room."""
         rng, goal = self.rng, self.draw_goal(_GOAL_X, _GOAL_Y)
         ridges: list[Ridge | None] = []
-        boxes: list[UprightBox | None] = [*fence(self.square.ground, _FENCE_HEIGHT)]
+        boxes: list[UprightBox | None] = [*fence(self.square.ground)]
         if self.barrier:
             crossing = self.ridge(yaw=0.0, last_x=goal.x - APART)
             if crossing is None:

@@ -36,9 +36,9 @@ FLOOR = "floor"
 _THICKNESS = 0.15
 """Half of a ramp's [m]."""
 _WIDTH = 6.0
-"""Of a ramp and of a ridge [m]."""
-_BEHIND, _FENCE_HEIGHT = 1.5, 0.6
-"""Level ground behind the start of a ridge's yard, and height of the fence around it [m]."""
+"""Of a ramp [m]."""
+_BEHIND, _YARD_WIDTH = 1.5, 4.0
+"""Level ground behind the start of a ridge's yard, and its width [m]."""
 _STEEPEST_RIDGE = np.radians(60.0)
 """Greatest inclination of a ridge [rad]."""
 
@@ -120,13 +120,13 @@ class TerrainOptions:
         """The ridge of these measures, its foot at `approach`."""
         flank = Ramp(self.slope, 0.0, self.blend, self.length, 0.0)
         length = 2.0 * flank.at(flank.slope_end + flank.arc).x + self.top
-        return Ridge(Rectangle(self.approach + length / 2, 0.0, 0.0, length, _WIDTH), flank)
+        return Ridge(Rectangle(self.approach + length / 2, 0.0, 0.0, length, _YARD_WIDTH), flank)
 
     @property
     def yard(self) -> Rectangle:
         """The ground around that ridge, with as much behind it as before it."""
         last = 2.0 * self.ridge.ground.x + _BEHIND
-        return Rectangle((last - _BEHIND) / 2, 0.0, 0.0, last + _BEHIND, _WIDTH)
+        return Rectangle((last - _BEHIND) / 2, 0.0, 0.0, last + _BEHIND, _YARD_WIDTH)
 
     @property
     def gap(self) -> Gap:
@@ -203,9 +203,9 @@ def _ramp(spec: mujoco.MjSpec, options: TerrainOptions, rng: np.random.Generator
 
 
 def _ridge(spec: mujoco.MjSpec, options: TerrainOptions, rng: np.random.Generator) -> None:
-    """A solid hill across a yard 6 m wide: a slope up along +x, a level top, a slope down."""
+    """A solid hill across a yard 4 m wide: a slope up along +x, a level top, a slope down."""
     _flat(spec, options, rng)
-    _add_boxes(spec, obstacle_boxes(fence(options.yard, _FENCE_HEIGHT), [options.ridge]))
+    _add_boxes(spec, obstacle_boxes(fence(options.yard), [options.ridge]))
 
 
 def _box(

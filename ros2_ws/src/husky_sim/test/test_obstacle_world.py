@@ -313,7 +313,7 @@ def test_a_robot_at_the_start_stands_on_level_ground(seed):
 
 # Reachability -----------------------------------------------------------------------------------
 def world_with(*boxes, ridges=()):
-    goal, sides = GoalPose(9.0, 0.0, 0.0), fence(SQUARE.ground, 0.6)
+    goal, sides = GoalPose(9.0, 0.0, 0.0), fence(SQUARE.ground)
     return ObstacleWorld(ridges, (*sides, *boxes), (), goal, bool(ridges), SQUARE)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import array
-from typing import NamedTuple
 
 import numpy as np
 from grid_map_msgs.msg import GridMap
@@ -22,26 +21,29 @@ from husky_navigation.grid_layout import (
     to_grid_map,
     to_occupancy_grid,
 )
+from husky_navigation.planning.world_map import MapHeights
 from husky_navigation.surface import Surface, occupancy_of
 from husky_runtime import graph
 from husky_runtime.nodes import stamps
 
 BASIC_LAYERS = ("elevation",)
 """Layers that a cell must have to be valid."""
-TOP = "top"
-"""Layer of the highest surface in each cell; a map may lack it."""
+TOP, AGE = "top", "age"
+"""Layers of the highest surface in each cell, and of the time since it was measured; a map may
+lack them."""
 
 
 def grid_map_message(ground: ElevationMap, surface: Surface, time_ns: int) -> GridMap:
     """Return the map and the shape of its surface at a time [ns].
 
-    Its layers are elevation [m], variance [m^2], top [m], slope [rad], step [m], roughness [m] and
-    traversability [-], NaN where they are not known.
+    Its layers are elevation [m], variance [m^2], top [m], age [s], slope [rad], step [m],
+    roughness [m] and traversability [-], NaN where they are not known.
     """
     layers = {
         "elevation": ground.elevation,
         "variance": ground.variance,
         TOP: ground.top,
+        AGE: ground.age,
         "slope": surface.slope,
         "step": surface.step,
         "roughness": surface.roughness,
@@ -61,22 +63,8 @@ def grid_map_message(ground: ElevationMap, surface: Surface, time_ns: int) -> Gr
     return message
 
 
-class MapHeights(NamedTuple):
-    """Heights of a map.
-
-    Attributes:
-        elevation: of the ground [m] (n, n), NaN where unseen.
-        top: highest surface in each cell, the same where a map does not tell it [m] (n, n).
-        lattice: of the cells.
-    """
-
-    elevation: Array
-    top: Array
-    lattice: Lattice
-
-
 def heights_of(message: GridMap) -> MapHeights:
-    """Return the heights of a map.
+    """Return the heights of a map; without their layers the top is the elevation, the age is 0.
 
     Raises:
         ValueError: the map is in another frame than `odom`, or has no elevation, or is not square.
@@ -88,13 +76,14 @@ def heights_of(message: GridMap) -> MapHeights:
         raise ValueError(f"there is no layer {BASIC_LAYERS[0]!r}")
     elevation = _layer_of(message, BASIC_LAYERS[0])
     top = _layer_of(message, TOP) if TOP in message.layers else elevation
+    age = _layer_of(message, AGE) if AGE in message.layers else np.zeros_like(elevation)
     info, cells = message.info, elevation.shape[0]
-    for layer in (elevation, top):
+    for layer in (elevation, top, age):
         if layer.shape != (cells, cells) or info.resolution <= 0.0 or cells == 0:
             raise ValueError(f"{layer.shape} cells of {info.resolution} m are no square map")
     at = info.pose.position
     corner = (round(each / info.resolution) - cells // 2 for each in (at.x, at.y))
-    return MapHeights(elevation, top, Lattice(info.resolution, cells, *corner))
+    return MapHeights(elevation, top, age, Lattice(info.resolution, cells, *corner))
 
 
 def _layer_of(message: GridMap, name: str) -> Array:

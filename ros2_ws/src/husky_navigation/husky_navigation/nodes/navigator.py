@@ -58,6 +58,8 @@ _WATCH = 0.2
 """Wall time between two looks for that [s]."""
 _RESERVE = 0.15
 """Charge of the battery that no route is to use [-]."""
+_ROUNDING = 1e-3
+"""Of a cell's age in the map's message [s]."""
 _VOLTAGES = 41
 """Charges at which its voltage is taken for its energy."""
 _PLANS_KEPT = 100
@@ -170,9 +172,11 @@ class Navigator(OneClock, Node):
             raise Refused(str(error)) from error
         if self._pose is None:
             return
-        self._planner.merge(heights.elevation, heights.lattice, self._map_to_odom, heights.top)
+        stamp, before = stamps.to_ns(message.header.stamp), self._map_ns
+        since = 1e-9 * (stamp - before) + _ROUNDING if stamp >= before >= 0 else math.inf
+        self._planner.merge(heights, self._map_to_odom, since)
         self._counts["maps"] += 1
-        self._map_ns = stamps.to_ns(message.header.stamp)
+        self._map_ns = stamp
 
     def _on_battery(self, battery: BatteryState) -> None:
         self._charge = battery.percentage

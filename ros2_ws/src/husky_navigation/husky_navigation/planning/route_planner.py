@@ -7,7 +7,6 @@ import threading
 from typing import NamedTuple
 
 from husky_description.arrays import Array
-from husky_navigation.cells import Lattice
 from husky_navigation.frame_filter import LevelTransform
 from husky_navigation.planning.abilities import ABILITIES
 from husky_navigation.planning.air_layers import AirLayers, air_layers_of
@@ -16,7 +15,7 @@ from husky_navigation.planning.route import Leg, PlanePose, Refusal, Route, Rout
 from husky_navigation.planning.route_finder import find_route
 from husky_navigation.planning.route_search import MODES, PRICES, Prices, RouteGraph
 from husky_navigation.planning.travel_costs import TravelCosts
-from husky_navigation.planning.world_map import WorldMap
+from husky_navigation.planning.world_map import MapHeights, WorldMap
 
 
 class Limits(NamedTuple):
@@ -66,16 +65,10 @@ class RoutePlanner:
         self._air: AirLayers | None = None
         self._moves: dict[tuple[Limits, Prices], RouteGraph] = {}
 
-    def merge(
-        self,
-        elevation: Array,
-        lattice: Lattice,
-        frame: LevelTransform,
-        top: Array | None = None,
-    ) -> None:
+    def merge(self, heights: MapHeights, frame: LevelTransform, oldest: float = math.inf) -> None:
         """Take over what an elevation map shows, as `WorldMap.merge` does."""
         with self._lock:
-            self.world.merge(elevation, lattice, frame, top)
+            self.world.merge(heights, frame, oldest)
             self._forget()
 
     def clear(self) -> None:

@@ -21,6 +21,25 @@ _FILLED = 0.75
 """Distance from a seen cell up to which unseen ones are filled [m]: gaps of twice that."""
 _SWEEPS, _OVER = 60, 1.7
 """Sweeps over the cells that are filled, and over-relaxation of each."""
+_JUMP = 0.1
+"""Shift of a map's middle since the last map beyond which its frame has jumped [m]; odometry drifts
+by a few centimetres in a second."""
+
+
+class MapHeights(NamedTuple):
+    """Heights of a rolling elevation map, arrays (m, m), NaN where unseen.
+
+    Attributes:
+        elevation: of the ground, in the map's own frame [m].
+        top: highest surface in each cell [m].
+        age: time since each cell was measured [s].
+        lattice: of the cells, in its own frame.
+    """
+
+    elevation: Array
+    top: Array
+    age: Array
+    lattice: Lattice
 
 
 class Shape(NamedTuple):
@@ -42,7 +61,7 @@ class WorldMap:
     Attributes:
         lattice: of its cells.
         elevation: height [m] (n, n), [i, j] along +x and +y; NaN where nothing was seen.
-        top: highest surface [m] (n, n); NaN where no map with that layer was merged.
+        top: highest surface [m] (n, n), NaN likewise.
     """
 
     def __init__(self, resolution: float = 0.05, cells: int = 400) -> None:
@@ -55,11 +74,13 @@ class WorldMap:
             raise ValueError(f"cells is {cells}, it must be a positive multiple of 4")
         self.lattice = Lattice(resolution, cells, -(cells // 2), -(cells // 2))
         self.elevation, self.top = np.full((2, cells, cells), np.nan)
+        self._frame: LevelTransform | None = None
 
     def clear(self) -> None:
         """Forget everything."""
         self.elevation.fill(np.nan)
         self.top.fill(np.nan)
+        self._frame = None
 
     @property
     def highest(self) -> Array:
@@ -67,29 +88,27 @@ class WorldMap:
         highest: Array = np.fmax(self.elevation, self.top)
         return highest
 
-    def merge(
-        self,
-        elevation: Array,
-        lattice: Lattice,
-        frame: LevelTransform,
-        top: Array | None = None,
-    ) -> int:
+    def merge(self, heights: MapHeights, frame: LevelTransform, oldest: float = math.inf) -> None:
         """Take over what an elevation map shows; its cells replace those that were known before.
 
-        Args:
-            elevation: heights in the map's own frame [m] (m, m), NaN where unseen.
-            lattice: of its cells, in its own frame.
-            frame: its own frame in `map`.
-            top: highest surface in each of its cells [m] (m, m), None for the same.
+        Older cells stay where they were put when they were measured: the map's own frame has
+        drifted since. They are taken over as well where it has jumped to where it should be, and
+        from the first map.
 
-        Returns:
-            The number of cells that were taken over.
+        Args:
+            heights: the map.
+            frame: its own frame in `map`.
+            oldest: age up to which cells are taken over [s], infinite for all.
 
         Raises:
             ValueError: the frame is not finite.
         """
         if not all(math.isfinite(value) for value in frame):
             raise ValueError(f"the map's frame is {frame}, it must be finite")
+        if self._frame is None or _shift(self._frame, frame, heights.lattice) > _JUMP:
+            oldest = math.inf
+        self._frame = frame
+        lattice = heights.lattice
         xs, ys = lattice.cell_centers()
         cosine, sine = math.cos(frame.yaw), math.sin(frame.yaw)
         corners_x, corners_y = np.array([xs[0], xs[0], xs[-1], xs[-1]]), np.tile(ys[[0, -1]], 2)
@@ -108,14 +127,11 @@ class WorldMap:
         i = np.floor((cosine * dx + sine * dy) / lattice.resolution).astype(np.int64) - lattice.x
         j = np.floor((cosine * dy - sine * dx) / lattice.resolution).astype(np.int64) - lattice.y
         inside = (i >= 0) & (i < lattice.cells) & (j >= 0) & (j < lattice.cells)
-        heights, tops = np.full((2, *inside.shape), np.nan)
-        heights[inside] = elevation[i[inside], j[inside]] + frame.z
-        seen = np.isfinite(heights)
-        self.elevation[rows, columns][seen] = heights[seen]
-        if top is not None:
-            tops[inside] = top[i[inside], j[inside]] + frame.z
-        self.top[rows, columns][seen] = tops[seen]
-        return int(np.count_nonzero(seen))
+        taken = np.isfinite(heights.elevation) & ~(heights.age > oldest)
+        inside[inside] = taken[i[inside], j[inside]]
+        places = i[inside], j[inside]
+        self.elevation[rows, columns][inside] = heights.elevation[places] + frame.z
+        self.top[rows, columns][inside] = heights.top[places] + frame.z
 
     def filled(self) -> Array:
         """Return the heights with those of unseen cells near seen ones [m] (n, n), NaN elsewhere.
@@ -134,6 +150,12 @@ class WorldMap:
         within = _between(seen, rows, columns, round(2.0 * _FILLED / self.lattice.resolution))
         _relax(heights, rows[within], columns[within])
         return heights
+
+
+def _shift(before: LevelTransform, now: LevelTransform, lattice: Lattice) -> float:
+    """Return how far a map's middle moves from one of its frames to another [m]."""
+    middle = (*lattice.center, 0.0)
+    return math.dist(before.apply(middle), now.apply(middle))
 
 
 def shape_of(elevation: Array, resolution: float) -> Shape:
