@@ -31,7 +31,8 @@ class Cells(NamedTuple):
         top: highest surface that was seen in the cell in odom, of a wall its upper edge [m].
         looked_over: images that have looked through the cell at the height of its top, since that
             was seen.
-        age: time since its height or top was measured [s].
+        age: time since an image has measured its height or top, or a foothold the height at first
+            [s].
     """
 
     height: Array

@@ -102,9 +102,9 @@ class ElevationMap:
 
     @property
     def age(self) -> Array:
-        """Time from the last measurement of each cell to the last image [s] (n, n).
+        """Time from the last image that measured each cell to the last image [s] (n, n).
 
-        NaN where the ground was not seen.
+        From the foothold, if it was the first to show the cell; NaN where the ground was not seen.
         """
         return np.where(self._known(), self._cells.age, np.nan)
 
@@ -286,9 +286,16 @@ class ElevationMap:
         )
 
     def _put(self, places: Indices, height: Array, variance: float) -> None:
-        """Fuse heights [m] (k,) that fill cells into the map."""
+        """Fuse heights [m] (k,) that fill cells into the map.
+
+        Cells that an image has shown keep their age: a single one with odometry's drift since then
+        would stand out of the ground around it.
+        """
         support = float(self.parameters.least_support)
+        age, seen = self._cells.age.reshape(-1), ~np.isnan(self._cells.height.reshape(-1)[places])
+        shown, before = places[seen], age[places[seen]]
         fuse(self._cells, places, level_cells(height, variance, support), self.parameters)
+        age[shown] = before
 
     def _is_even(self, i: int, j: int) -> bool:
         """Return whether a cell and its neighbours were well seen, and are about level."""

@@ -144,9 +144,10 @@ def test_cells_grow_old_until_they_are_measured_again():
     for time in (1.0, 1.5):
         elevation_map.integrate(DepthView(nothing, CAMERA, np.eye(3), np.zeros(3), time))
     assert np.nanmin(elevation_map.age) == pytest.approx(1.5 - 0.5)
-    elevation_map.observe_foothold(np.array([1.0, 0.0, 0.0]))
-    i, j = elevation_map.lattice.index_of(1.0, 0.0)
-    assert elevation_map.age[i, j] == 0.0
+    for x, age in (1.0, 1.0), (-0.5, 0.0):  # on ground that images have shown, and on other
+        elevation_map.observe_foothold(np.array([x, 0.0, 0.0]))
+        i, j = elevation_map.lattice.index_of(x, 0.0)
+        assert elevation_map.age[i, j] == pytest.approx(age)
     stand(elevation_map, FLAT, 1, random)
     assert np.nanmedian(elevation_map.age) == 0.0
 

@@ -170,6 +170,16 @@ def test_it_climbs_a_ridge_straight_up_and_straight_down(ridged: RouteGraph) -> 
     assert found.energy == pytest.approx(sum(leg.energy for leg in found.legs))
 
 
+def test_it_climbs_over_waves_on_which_it_could_walk() -> None:
+    """They rise to the side by 3.6 deg, more than the slope itself does at its foot and its top."""
+    found = find_route(
+        graph_of(grid_seen(lambda x, y: RIDGE(x, y) + 0.01 * np.sin(2.0 * math.pi * y))),
+        BEFORE,
+        BEHIND,
+    )
+    assert found.modes == ("walk", "climb", "walk", "climb", "walk")
+
+
 def test_without_climbing_no_way_leads_over_a_ridge(ridged: RouteGraph) -> None:
     walking = graph_of(ridged.grid, modes=("walk",))
     assert refusal(walking, BEFORE, BEHIND) is Refusal.NO_WAY

@@ -208,7 +208,8 @@ class _Ground:
             along, across = self._slopes(at)
             even &= ~self._grid.rough[at]
             seen &= self._grid.filled[at] & (self._grid.known[at] | ~self.known)
-            even &= np.abs(across) <= math.tan(climb.most_skew) * np.maximum(np.abs(along), level)
+            allowed = np.maximum(math.tan(climb.most_skew) * np.abs(along), climb.most_bank)
+            even &= np.abs(across) <= allowed
         return even, seen
 
 
