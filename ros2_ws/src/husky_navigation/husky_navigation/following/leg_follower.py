@@ -8,7 +8,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from husky_description.arrays import Array
-from husky_navigation.planning.route import Leg, PlanePose
+from husky_navigation.planning.route import Leg, PlanePose, way_to_each
 from husky_navigation.planning.route_search import CLIMB, FLY, WALK
 
 _AHEAD = 0.5
@@ -92,8 +92,7 @@ class WalkFollower:
     def __init__(self, leg: Leg, pace: Pace) -> None:
         """Begin at the first corner."""
         self._leg, self._pace = leg, pace
-        steps = np.linalg.norm(np.diff(leg.points, axis=0), axis=1)
-        self._distance = np.concatenate(([0.0], np.cumsum(steps)))
+        self._distance = way_to_each(leg.points)
         self._progress = 0.0
 
     @property

@@ -13,7 +13,6 @@ import numpy as np
 from grid_map_msgs.msg import GridMap
 from nav_msgs.msg import OccupancyGrid, Odometry
 from rclpy.node import Node
-from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import CameraInfo, Image
 from std_srvs.srv import Trigger
@@ -45,8 +44,6 @@ _TUNABLE = {
     "most_roughness": "deviation from a plane that counts as an obstacle [m]",
 }
 """Fields of `MapParameters` that are parameters of the node."""
-_REPORTS = QoSProfile(depth=64, reliability=ReliabilityPolicy.RELIABLE)
-"""Five poses and states of the controller come for each image, and are taken with it."""
 _UNKNOWN = 0.5
 """Variance of the velocity on `/odometry` from which on the base is not known [m^2/s^2]: it says 1
 of a robot that falls or hangs."""
@@ -100,9 +97,11 @@ class ElevationMapper(OneClock, Node):
             CameraInfo, graph.DEPTH_CAMERA_INFO, self._on_camera_info, qos.STATUS
         )
         state = self.create_subscription(
-            ControllerState, graph.CONTROLLER_STATE, self._on_controller_state, _REPORTS
+            ControllerState, graph.CONTROLLER_STATE, self._on_controller_state, qos.SEQUENCE
         )
-        odometry = self.create_subscription(Odometry, graph.ODOMETRY, self._on_odometry, _REPORTS)
+        odometry = self.create_subscription(
+            Odometry, graph.ODOMETRY, self._on_odometry, qos.SEQUENCE
+        )
         self.create_subscription(Image, graph.DEPTH_IMAGE, self._on_image, qos.STATUS)
         self._taken_with_images = info, state, odometry
 

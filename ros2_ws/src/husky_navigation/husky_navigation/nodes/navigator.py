@@ -16,7 +16,6 @@ from nav2_msgs.action import NavigateToPose
 from nav_msgs.msg import OccupancyGrid, Odometry, Path
 from rclpy.action.client import ActionClient
 from rclpy.node import Node
-from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import BatteryState
 from visualization_msgs.msg import MarkerArray
@@ -66,8 +65,6 @@ _PLANS_KEPT = 100
 """Plans whose processor time is kept."""
 _ROBOTS = {DRIVES: "carbon", BUS_SERVOS: "beta"}
 """Whose abilities and costs go with a kind of actuation."""
-_REPORTS = QoSProfile(depth=64, reliability=ReliabilityPolicy.RELIABLE)
-"""Of topics at 50 Hz, of which no message may be lost while a route is planned."""
 
 
 class Navigator(OneClock, Node):
@@ -126,14 +123,16 @@ class Navigator(OneClock, Node):
         """Subscribe, in the order in which messages are taken."""
         self._taken_with_poses = (
             self.create_subscription(
-                ControllerState, graph.CONTROLLER_STATE, self._on_controller_state, _REPORTS
+                ControllerState, graph.CONTROLLER_STATE, self._on_controller_state, qos.SEQUENCE
             ),
             self.create_subscription(
                 PropulsionState, graph.PROPULSION_STATE, self._commands.hear, qos.STATUS
             ),
-            self.create_subscription(Odometry, graph.ODOMETRY, self._on_odometry, _REPORTS),
+            self.create_subscription(Odometry, graph.ODOMETRY, self._on_odometry, qos.SEQUENCE),
         )
-        self.create_subscription(PoseWithCovarianceStamped, graph.MAP_POSE, self._on_pose, _REPORTS)
+        self.create_subscription(
+            PoseWithCovarianceStamped, graph.MAP_POSE, self._on_pose, qos.SEQUENCE
+        )
         self.create_subscription(GridMap, graph.ELEVATION_MAP, self._on_map, qos.LATCHED)
         self.create_subscription(BatteryState, graph.BATTERY, self._on_battery, qos.STATUS)
         for topic in (graph.GOAL_POSE, graph.SIMPLE_GOAL):

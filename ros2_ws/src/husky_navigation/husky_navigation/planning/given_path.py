@@ -18,6 +18,7 @@ from husky_navigation.planning.route import (
     Route,
     RouteError,
     course_over,
+    way_to_each,
 )
 from husky_navigation.planning.route_planner import Limits, RoutePlanner
 
@@ -49,7 +50,7 @@ class GivenPath:
             ValueError: there are fewer, or it is too long.
         """
         points = np.array([pose[:2] for pose in poses]).reshape(-1, 2)
-        along = _along(points)
+        along = way_to_each(points)
         if along.size == 0 or along[-1] == 0.0:
             raise ValueError(f"the path has {min(1, along.size)} places, it must have 2 or more")
         if along[-1] > _LONGEST:
@@ -126,7 +127,7 @@ class GivenPath:
         The first one of a robot in the air is planned.
         """
         blocked = _blocked(self._planner.grid(), way)
-        along = _along(way)
+        along = way_to_each(way)
         near = np.abs(along[:, None] - along[None, blocked]).min(axis=1, initial=math.inf) < _ROOM
         # A step is planned where both of its ends are near a slope.
         planned = near[:-1] & near[1:]
@@ -135,12 +136,6 @@ class GivenPath:
         changes = np.flatnonzero(np.diff(planned)) + 1
         ends = [0, *changes.tolist(), len(planned)]
         return [(begin, end, not planned[begin]) for begin, end in pairwise(ends)]
-
-
-def _along(points: Array) -> Array:
-    """Return the way from the first of points to each [m] (n,)."""
-    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    return np.concatenate((np.zeros(min(1, len(points))), np.cumsum(steps)))
 
 
 def _blocked(grid: PlanningGrid, way: Array) -> Mask:

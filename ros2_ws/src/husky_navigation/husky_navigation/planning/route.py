@@ -146,6 +146,12 @@ def course_over(points: Array) -> float:
     return math.atan2(dy, dx)
 
 
+def way_to_each(points: Array) -> Array:
+    """Return the way from the first of points (n, 2) to each, over those between [m] (n,)."""
+    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    return np.concatenate((np.zeros(min(1, len(points))), np.cumsum(steps)))
+
+
 def way_over(points: Array) -> float:
-    """Return the way over points [m]."""
-    return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+    """Return the way over points (n, 2), n > 0 [m]."""
+    return float(way_to_each(points)[-1])

@@ -98,35 +98,30 @@ class TravelCosts:
             raise ValueError(f"{path}: no costs of {robot!r}, there are those of {known}")
         return cls(chosen)
 
-    def per_metre(
-        self, mode: str, speed: float, slope_deg: Array, thrust_share: float = 0.0
-    ) -> tuple[Array, Array]:
+    def per_metre(self, mode: str, speed: float, slope_deg: Array) -> tuple[Array, Array]:
         """Return time [s] and energy [J] of a metre of way, linear between the measured slopes.
 
-        A slope a little steeper than all that were measured costs as much as the steepest.
+        Walks with a share of the weight on the fans do not count. A slope a little steeper than all
+        that were measured costs as much as the steepest.
 
         Args:
             mode: way of moving.
             speed: one of those that were measured [m/s].
             slope_deg: of the way, positive uphill [deg] (n,).
-            thrust_share: one of those that were measured [-].
 
         Returns:
             Two arrays (n,), NaN for slopes more than `BEYOND` beyond those that were measured.
 
         Raises:
-            LookupError: nothing was measured in this mode at this speed and share.
+            LookupError: nothing was measured in this mode at this speed.
         """
         chosen = sorted(
             (row.slope_deg, row.time, row.energy)
             for row in self.rows
-            if (row.mode, row.unit, row.speed, row.thrust_share)
-            == (mode, METRE, speed, thrust_share)
+            if (row.mode, row.unit, row.speed, row.thrust_share) == (mode, METRE, speed, 0.0)
         )
         if not chosen:
-            raise LookupError(
-                f"no costs of mode {mode!r} at {speed:g} m/s and thrust share {thrust_share:g}"
-            )
+            raise LookupError(f"no costs of mode {mode!r} at {speed:g} m/s")
         slopes, times, energies = np.array(chosen).T
         known = (slope_deg >= slopes[0] - BEYOND) & (slope_deg <= slopes[-1] + BEYOND)
         return (

@@ -17,6 +17,9 @@ CONTROL_OFFERED = QoSProfile(depth=16, reliability=ReliabilityPolicy.RELIABLE)
 STATUS = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 """Reports for people and tools at a low rate."""
 
+SEQUENCE = QoSProfile(depth=64, reliability=ReliabilityPolicy.RELIABLE)
+"""Reports at 50 Hz to a node that is busy for up to a second, and must miss none."""
+
 COMMAND = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 """What an operator or a planner asks for: nothing is lost."""
 
