@@ -516,6 +516,28 @@ def test_a_goal_without_a_route_is_refused_with_the_reason(
     assert robot.pose == START
 
 
+@pytest.mark.parametrize("maps", [1, 100])
+def test_a_goal_on_which_something_appears_is_looked_at_once(flat: PlanningGrid, maps: int) -> None:
+    """A wrong measurement is gone in a second; an obstacle stays."""
+    occupied = grid_seen(lambda x, y: np.where(np.hypot(x - 3.0, y) < 0.3, HIGH, 0.0))
+    goal, robot = PlanePose(3.0, 0.0, 0.0), ObedientRobot(flat)
+    navigation = Navigation([goal], robot.plan)
+    robot.run_until(navigation, lambda: robot.pose.x > 1.0)
+    robot.grid = occupied
+    robot.run_until(navigation, lambda: navigation.recoveries == 1)
+    robot.grid = flat if maps == 1 else occupied
+    robot.run(navigation)
+    assert navigation.recoveries == 1
+    if maps == 1:
+        assert navigation.outcome is Outcome.REACHED
+        assert_at(robot, goal)
+    else:
+        assert (navigation.outcome, navigation.refusal) == (
+            Outcome.NO_ROUTE,
+            Refusal.GOAL_OCCUPIED,
+        )
+
+
 def test_where_no_way_is_seen_it_looks_around_first() -> None:
     robot = ObedientRobot(grid_seen(lambda x, y: np.where(np.abs(x - 2.0) < 0.1, HIGH, 0.0)))
     navigation = robot.run(Navigation([PlanePose(4.0, 0.0, 0.0)], robot.plan))

@@ -125,6 +125,16 @@ def test_lateral_noise_moves_edges_but_not_the_width_of_what_is_hidden():
     assert set(np.unique(rows)) == {0, 1000 * NEAR, 1000 * FAR}, "and invents no depths"
 
 
+@pytest.mark.parametrize("border", [np.s_[:1], np.s_[-1:], np.s_[:, -1:]])
+def test_an_edge_at_the_border_of_the_image_invents_no_depths(border):
+    """The line of pixels at the border is another surface than the next one."""
+    depth = wall(NEAR)
+    depth[border] = FAR
+    seen = errors(2, lateral_noise=FIGURES.lateral_noise)
+    images = np.concatenate([seen.apply(depth, k) for k in range(10)])
+    assert set(np.unique(images)) == {0, 1000 * NEAR, 1000 * FAR}
+
+
 def test_an_edge_meanders_by_the_lateral_noise():
     """About its place, by lateral_noise d across the ray, alike over some neighbouring rows."""
     seen = errors(3, lateral_noise=FIGURES.lateral_noise)

@@ -319,6 +319,7 @@ class Navigation:
             if self.reached == len(self._goals):
                 self.stop(view, Outcome.REACHED)
             else:
+                self.route = None
                 self._enter(_Phase.PLAN, view)
             return
         can_rise = view.mode != QUADROTOR or math.isfinite(view.take_off)
@@ -564,12 +565,14 @@ class Navigation:
         """Recover, or stop where that was tried often enough or would not help.
 
         On a slope and in the air it waits for another map: it neither steps back nor turns there.
+        It looks once at a goal to which a way led before, and which is occupied now.
         """
-        helpless = outcome is Outcome.NO_ROUTE and self.refusal not in _MAY_CHANGE
-        if helpless or not self._may_try_again():
+        may_change = self.refusal in _MAY_CHANGE
+        may_change |= self.refusal is Refusal.GOAL_OCCUPIED and self.route is not None
+        if (outcome is Outcome.NO_ROUTE and not may_change) or not self._may_try_again():
             self.stop(view, outcome, reason)
             return
-        self._follower = None
+        self.route = self._follower = None
         waits = self._is_on_slope or view.mode == QUADROTOR
         self._enter(_Phase.LOOK if waits else _Phase.RECOVER, view)
 

@@ -183,11 +183,12 @@ def _slope(inverse: Array, axis: int) -> Array:
     """Return the slope of a surface along an axis, [1/m] per pixel.
 
     Of the differences to both neighbours the smaller one, none where their signs differ: at the
-    edge of a surface it is still the surface's.
+    edge of a surface it is still the surface's. At the border of the image the next difference
+    further in stands for the missing one.
     """
     step = np.diff(inverse, axis=axis)
-    ahead = np.concatenate((step, step.take([-1], axis)), axis)
-    behind = np.concatenate((step.take([0], axis), step), axis)
+    ahead = np.concatenate((step, step.take([-2], axis)), axis)
+    behind = np.concatenate((step.take([1], axis), step), axis)
     rising, falling = np.minimum(ahead, behind), np.maximum(ahead, behind)
     slope: Array = np.maximum(rising, 0.0) + np.minimum(falling, 0.0)
     return slope
