@@ -46,6 +46,8 @@ _ESTIMATING = 6.0
 """Time within which the autopilot tells another charge [s]."""
 _SHOWN_FROM = 2.0
 """Time in a mode from which on a picture shows it [s]."""
+_ELEVATION = -20.0
+"""Of the camera's look on that picture: over the fence onto the feet [deg]."""
 _WORDS = {"walk": "walks", "wair": "climbs", "quadrotor": "flies"}
 """Of modes in which the robot goes somewhere, for pictures."""
 
@@ -194,7 +196,7 @@ def _film(run: Run, robot: str, recording: Recording, ways: list[Way]) -> None:
         return
     way = next(way for way in ways if len(way.goal.modes) > 1)
     moments = _moments(recording, way.start, way.end)
-    stroboscope(recording, model, directory / "way.png", moments)
+    stroboscope(recording, model, directory / "way.png", moments, elevation=_ELEVATION)
 
 
 def _moments(recording: Recording, start: float, end: float) -> list[Moment]:

@@ -19,8 +19,6 @@ from husky_experiments.recordings.recording import Recording
 
 _FIELD = 14.0
 """Angle of view upward, narrow so that all robots are seen alike [deg]."""
-_ELEVATION = -6.0
-"""Of the camera's look, a little from above [deg]."""
 _MARGIN = 0.75
 """Seen on either side of the first and of the last robot [m]."""
 _OVER, _UNDER = 0.55, 0.75
@@ -50,6 +48,7 @@ def stroboscope(
     moments: Sequence[Moment],
     *,
     width: int = 1800,
+    elevation: float = -6.0,
 ) -> Path | None:
     """Write a PNG of a robot that goes along x of world, at several moments in one picture.
 
@@ -59,6 +58,7 @@ def stroboscope(
         path: of the file.
         moments: the times, and what is written over each robot.
         width: of the picture [pixels]; the height follows from what is seen.
+        elevation: of the camera's look, negative from above [deg].
 
     Returns:
         The path, or None where nothing can be drawn; then `video.unavailable_reason` says why.
@@ -71,7 +71,8 @@ def stroboscope(
     height = 2 * round(width * size[2] / size[0] / 2)
     model = video.studio(model, smooth=True)
     model.vis.global_.fovy = _FIELD
-    view = _View(middle, float(size[2]) / 2.0 / math.tan(math.radians(_FIELD / 2.0)), width, height)
+    distance = float(size[2]) / 2.0 / math.tan(math.radians(_FIELD / 2.0))
+    view = _View(middle, distance, elevation, width, height)
     try:
         with Canvas(model, width, height) as canvas:
             view.aim(canvas.camera)
@@ -112,20 +113,22 @@ def _gone(position: Array) -> Array:
 class _View:
     """A camera that looks along y of world, and where it sees things."""
 
-    def __init__(self, middle: Array, distance: float, width: int, height: int) -> None:
-        """Look at a place [m] (3,) from a distance [m]."""
-        self._middle, self._distance = middle, distance
+    def __init__(
+        self, middle: Array, distance: float, elevation: float, width: int, height: int
+    ) -> None:
+        """Look at a place [m] (3,) from a distance [m], with an elevation [deg]."""
+        self._middle, self._distance, self._elevation = middle, distance, elevation
         self._width, self._height = width, height
 
     def aim(self, camera: mujoco.MjvCamera) -> None:
         """Set up MuJoCo's camera."""
         camera.type = mujoco.mjtCamera.mjCAMERA_FREE
         camera.lookat[:] = self._middle
-        camera.distance, camera.azimuth, camera.elevation = self._distance, 90.0, _ELEVATION
+        camera.distance, camera.azimuth, camera.elevation = self._distance, 90.0, self._elevation
 
     def pixel(self, place: Array) -> tuple[float, float]:
         """Return the pixel, right and down from the corner, at which a place (3,) [m] is seen."""
-        look = math.radians(_ELEVATION)
+        look = math.radians(self._elevation)
         ahead = np.array((0.0, math.cos(look), math.sin(look)))
         up = np.array((0.0, -math.sin(look), math.cos(look)))
         away = place - self._middle
