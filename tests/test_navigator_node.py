@@ -145,18 +145,20 @@ class NavigatorBench(NodeBench):
             self.step()
         pytest.fail(f"{what} does not come; {self.states[-1]}; {self.said()}")
 
-    def see(self):
-        """Tell a map of the ground, in `odom`."""
+    def see(self, walled=True, age=0.0):
+        """Tell a map of the ground, in `odom`, all of it measured some time before [s]."""
         edge = (np.arange(CELLS) + 0.5 - CELLS // 2) * RESOLUTION
         x, y = np.meshgrid(edge, edge, indexing="ij")
         dx, dy, turn = SHIFT
         c, s = math.cos(turn), math.sin(turn)
         in_map = dx + c * x - s * y, dy + s * x + c * y
         wall = (np.abs(in_map[0] - WALL_X) < 0.1) & (in_map[1] < 1.0)
-        layer = to_grid_map(np.where(wall, 0.8, 0.0))
-        layout = MultiArrayLayout(dim=[MultiArrayDimension(**each._asdict()) for each in layer.dim])
-        told = Float32MultiArray(layout=layout, data=layer.data.tolist())
-        message = GridMap(layers=["elevation"], basic_layers=["elevation"], data=[told])
+        elevation = np.where(wall & walled, 0.8, 0.0)
+        message = GridMap(layers=["elevation", "age"], basic_layers=["elevation"])
+        for layer in map(to_grid_map, (elevation, np.full_like(elevation, age))):
+            dim = [MultiArrayDimension(**each._asdict()) for each in layer.dim]
+            layout = MultiArrayLayout(dim=dim)
+            message.data.append(Float32MultiArray(layout=layout, data=layer.data.tolist()))
         message.header.frame_id = "odom"
         stamps.fill(message.header.stamp, round(1e9 * self.time))
         message.info.resolution = RESOLUTION
@@ -268,6 +270,27 @@ def test_a_refusal_has_a_code_and_a_reason(robot, goal, code, words):
     assert status == GoalStatus.STATUS_ABORTED
     assert words in result.error_msg
     np.testing.assert_array_equal(robot.pose, before)
+
+
+def test_only_ground_that_was_measured_since_the_last_map_is_taken_over(robot):
+    robot.sees = False
+    count = int(robot.wait_for_report(lambda _: True, "a report")["maps"])
+
+    def code(**seen):
+        """Return the code for a goal in the wall after one more map."""
+        nonlocal count
+        robot.step()
+        robot.see(**seen)
+        count += 1
+        robot.wait_for_report(lambda r: int(values_of(r)["maps"]) == count, "the map")
+        return robot.result(robot.send(robot.compute, goal=goal_at(WALL_X, 0.0)))[1].error_code
+
+    occupied = ComputePathToPose.Result.GOAL_OCCUPIED
+    assert code() == occupied
+    assert code(walled=False, age=1e4) == occupied
+    assert code(walled=False, age=0.0) == 0
+    assert code() == occupied
+    robot.sees = True
 
 
 def test_a_path_is_planned_and_not_gone(robot):

@@ -39,7 +39,7 @@ class ClimbAbility:
         seen_first: of a slope, before it is begun; more is seen on the way [m].
         half_width: of the lane that has to be even [m].
         most_skew: angle between the lane and the fall line [rad].
-        most_bank: rise across the lane that gentler slopes may have too, as a walk may [-].
+        most_bank: rise across the lane that gentler slopes may have too [-]: a walk takes it.
     """
 
     speed: Annotated[float, number(0.05, 1.0)] = 0.25
@@ -49,7 +49,7 @@ class ClimbAbility:
     seen_first: Annotated[float, number(0.1, 5.0)] = 1.2
     half_width: Annotated[float, number(0.1, 1.0)] = 0.3
     most_skew: Annotated[float, number(0.01, 0.5)] = 0.2
-    most_bank: Annotated[float, number(0.0, 0.5)] = 0.07
+    most_bank: Annotated[float, number(0.0, 0.5)] = WalkAbility.most_slope
 
     @property
     def most_rise(self) -> float:

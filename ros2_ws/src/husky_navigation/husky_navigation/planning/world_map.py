@@ -22,8 +22,8 @@ _FILLED = 0.75
 _SWEEPS, _OVER = 60, 1.7
 """Sweeps over the cells that are filled, and over-relaxation of each."""
 _JUMP = 0.1
-"""Shift of a map's middle since the last map beyond which its frame has jumped [m]; odometry drifts
-by a few centimetres in a second."""
+"""Shift of a map's middle since the last map, a second before, beyond which its frame has jumped
+[m]; assumed. Odometry drifts by less."""
 
 
 class MapHeights(NamedTuple):
