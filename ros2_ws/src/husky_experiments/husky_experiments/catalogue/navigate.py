@@ -9,7 +9,9 @@ from __future__ import annotations
 import argparse
 import csv
 import math
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
+from pathlib import Path
 
 import numpy as np
 
@@ -92,11 +94,8 @@ def run(run: Run) -> None:
         visit = _visit(run, reference)
         visits.append(visit)
         references.append(reference)
+        _write(visits, run.output / "worlds.csv")
         run.say(f"world {seed}: {visit.summary}")
-    with (run.output / "worlds.csv").open("w", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, [each.name for each in fields(Visit)])
-        writer.writeheader()
-        writer.writerows(asdict(visit) for visit in visits)
     reached = [visit for visit in visits if visit.reached]
     run.metrics |= {
         "worlds": len(visits),
@@ -112,18 +111,21 @@ def run(run: Run) -> None:
         if options.robot in _DEARER:
             run.require("energy_over_best_p50", upper=_DEARER[options.robot])
     if not options.no_figures:
-        from husky_experiments.figures.navigate import Journey, draw_journeys
+        from husky_experiments.figures.navigate import Journey, draw_journeys, modes_at_base
 
-        journeys = [
-            Journey(
-                f"world {visit.seed}: {visit.said or 'reached'}",
-                reference.planner,
-                reference.best,
-                reference.goal,
-                run.recording(_label(visit.seed)),
+        journeys = []
+        for visit, reference in zip(visits, references, strict=True):
+            recording = run.recording(_label(visit.seed))
+            journeys.append(
+                Journey(
+                    f"world {visit.seed}: {visit.said or 'reached'}",
+                    reference.planner,
+                    reference.best,
+                    reference.goal,
+                    recording.base.position[:, :2],
+                    modes_at_base(recording),
+                )
             )
-            for visit, reference in zip(visits, references, strict=True)
-        ]
         draw_journeys(journeys, run.output)
 
 
@@ -183,6 +185,14 @@ def _visit(run: Run, reference: Reference) -> Visit:
         best_j=_energy(reference.best),
         best_walking_j=_energy(reference.best_walking),
     )
+
+
+def _write(visits: Sequence[Visit], path: Path) -> None:
+    """Write the table of the worlds so far: those of a run that is stopped are kept."""
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, [each.name for each in fields(Visit)])
+        writer.writeheader()
+        writer.writerows(asdict(visit) for visit in visits)
 
 
 def _energy(route: Route | None) -> float:

@@ -33,14 +33,16 @@ class Journey(NamedTuple):
         planner: has seen all ground.
         best: cheapest route on it, None where there is none.
         goal: of the robot.
-        recording: of the way.
+        position: of the base on its way, x and y (n, 2) [m].
+        mode: of the controller there (n,).
     """
 
     title: str
     planner: RoutePlanner
     best: Route | None
     goal: PlanePose
-    recording: Recording
+    position: Array
+    mode: Words
 
 
 def draw_journeys(journeys: Sequence[Journey], directory: Path) -> Path:
@@ -76,9 +78,8 @@ def _draw(axis: Axes, journey: Journey) -> None:
     if journey.best is not None:
         for leg in journey.best.legs:
             axis.plot(*leg.points.T, color="tab:green", linestyle=":", linewidth=1.5)
-    base, mode = journey.recording.base, modes_at_base(journey.recording)
     for name, colour in MODE_COLOURS.items():
-        way: Array = np.where((mode == name)[:, None], base.position[:, :2], np.nan)
+        way: Array = np.where((journey.mode == name)[:, None], journey.position, np.nan)
         axis.plot(*way.T, color=colour, linewidth=2.0)
     axis.plot([journey.goal.x], [journey.goal.y], marker="*", color="tab:red", markersize=10)
     axis.set_xlim(*_VIEW[0])
