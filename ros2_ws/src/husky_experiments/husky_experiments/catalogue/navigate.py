@@ -31,7 +31,7 @@ from husky_experiments.run import Run
 from husky_experiments.scripts import stand_up
 from husky_experiments.session import SessionError
 from husky_navigation.planning.route import PlanePose, Route, RouteError
-from husky_navigation.planning.route_planner import Limits
+from husky_navigation.planning.route_planner import Limits, RoutePlanner
 from husky_navigation.planning.route_search import MODES, WALK
 
 _LONGEST = 300.0
@@ -119,7 +119,7 @@ def run(run: Run) -> None:
             journeys.append(
                 Journey(
                     f"world {visit.seed}: {visit.said or 'reached'}",
-                    reference.planner,
+                    reference.ground,
                     reference.best,
                     reference.goal,
                     recording.base.position[:, :2],
@@ -137,7 +137,7 @@ class Reference:
         robot, course: their names.
         barrier: no way leads to the goal on level ground.
         goal: of the robot.
-        planner: has seen all ground.
+        ground: its map, all of it seen.
         best, best_walking: cheapest routes with all modes, and by a walk alone; None for none.
     """
 
@@ -146,14 +146,19 @@ class Reference:
         world = WORLDS[course](np.random.default_rng(seed))
         self.seed, self.robot, self.course = seed, robot, course
         self.barrier, self.goal = world.barrier, PlanePose(*world.goal)
-        self.planner = planner_of(world, robot)
-        self.best, self.best_walking = (self._route(modes) for modes in (MODES, (WALK,)))
+        planner = planner_of(world, robot)
+        self.ground = planner.world
+        self.best, self.best_walking = (
+            _route(planner, self.goal, modes) for modes in (MODES, (WALK,))
+        )
 
-    def _route(self, modes: tuple[str, ...]) -> Route | None:
-        try:
-            return self.planner.plan(PlanePose(0.0, 0.0, 0.0), self.goal, Limits(modes))
-        except RouteError:
-            return None
+
+def _route(planner: RoutePlanner, goal: PlanePose, modes: tuple[str, ...]) -> Route | None:
+    """Return the cheapest route from the origin by some modes, None where there is none."""
+    try:
+        return planner.plan(PlanePose(0.0, 0.0, 0.0), goal, Limits(modes))
+    except RouteError:
+        return None
 
 
 def _visit(run: Run, reference: Reference) -> Visit:

@@ -15,7 +15,7 @@ from husky_experiments.figures.style import label, make_figure, save
 from husky_experiments.recordings.recording import Recording
 from husky_experiments.recordings.tables import Words
 from husky_navigation.planning.route import PlanePose, Route
-from husky_navigation.planning.route_planner import RoutePlanner
+from husky_navigation.planning.world_map import WorldMap
 
 _COLUMNS, _SIZE = 4, 4.5
 """Worlds in a row, and the size of each in the figure [inch]."""
@@ -30,7 +30,7 @@ class Journey(NamedTuple):
 
     Attributes:
         title: what it was.
-        planner: has seen all ground.
+        ground: its map, all of it seen.
         best: cheapest route on it, None where there is none.
         goal: of the robot.
         position: of the base on its way, x and y (n, 2) [m].
@@ -38,7 +38,7 @@ class Journey(NamedTuple):
     """
 
     title: str
-    planner: RoutePlanner
+    ground: WorldMap
     best: Route | None
     goal: PlanePose
     position: Array
@@ -72,9 +72,9 @@ def modes_at_base(recording: Recording) -> Words:
 
 
 def _draw(axis: Axes, journey: Journey) -> None:
-    world = journey.planner.world
-    x, y = world.lattice.cell_centers()
-    axis.pcolormesh(x, y, world.elevation.T, cmap="Greys", vmin=-0.8, vmax=1.6, shading="nearest")
+    ground = journey.ground
+    x, y = ground.lattice.cell_centers()
+    axis.pcolormesh(x, y, ground.elevation.T, cmap="Greys", vmin=-0.8, vmax=1.6, shading="nearest")
     if journey.best is not None:
         for leg in journey.best.legs:
             axis.plot(*leg.points.T, color="tab:green", linestyle=":", linewidth=1.5)
